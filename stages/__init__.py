@@ -1,0 +1,1 @@
+"""What happens to the imagery: cameras and pixels, nothing of ODM."""

@@ -1,0 +1,204 @@
+"""What the alignment is asked and what it answers.
+
+Both go to JSON and back, so the alignment can run in a worker process, on
+another machine, or with the other engine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+from ..intrinsics import Intrinsics
+
+
+@dataclass(frozen=True)
+class AlignFrame:
+    """One frame for the solver.
+
+    ``file`` is where its pixels are (original or harmonized), ``path`` its
+    name in the report. ``width`` and ``height`` are of ``file``. ``position``
+    is latitude, longitude (degrees), altitude (m), or ``None``. ``sigma_m``
+    is its GPS spread, horizontal and vertical. ``pitch_deg`` is -90 at nadir.
+    ``lut`` names channel tables (``Lut.id``) to apply to the in-memory copy.
+    """
+
+    path: str
+    file: str
+    width: int
+    height: int
+    profile: str
+    flight: str
+    payload: str
+    capture: str
+    time_s: Optional[float] = None
+    position: Optional[Tuple[float, float, float]] = None
+    sigma_m: Optional[Tuple[float, float]] = None
+    height_m: Optional[float] = None
+    yaw_deg: Optional[float] = None
+    pitch_deg: Optional[float] = None
+    rtk: bool = False
+
+
+@dataclass(frozen=True)
+class AlignCamera:
+    """One profile at one frame size: the camera the solver shares among its frames."""
+
+    profile: str
+    width: int
+    height: int
+    intrinsics: Intrinsics
+    corrected_in_camera: bool = False
+
+
+@dataclass(frozen=True)
+class GcpMark:
+    """A ground control point seen in one frame (pixels of ``AlignFrame.file``)."""
+
+    point: str
+    path: str
+    x_px: float
+    y_px: float
+    latitude: float
+    longitude: float
+    altitude_m: float
+
+
+@dataclass(frozen=True)
+class AlignRequest:
+    """A group of frames of one spectrum that may share a project."""
+
+    name: str
+    frames: Tuple[AlignFrame, ...]
+    cameras: Tuple[AlignCamera, ...]
+    gcps: Tuple[GcpMark, ...] = ()
+
+
+@dataclass(frozen=True)
+class PairInliers:
+    """Verified matches of one pair of frames (paths, a < b)."""
+
+    a: str
+    b: str
+    inliers: int
+
+
+@dataclass(frozen=True)
+class GpsFit:
+    """Residual of a robust similarity from camera centres to GPS positions.
+
+    RMS in metres over ``frames`` centres, corrected for the fit's seven
+    degrees of freedom by sqrt(3n/(3n-7)). ``None`` where nothing was fitted.
+    """
+
+    frames: int
+    horizontal_m: Optional[float] = None
+    vertical_m: Optional[float] = None
+    sigma_horizontal_m: Optional[float] = None
+    sigma_vertical_m: Optional[float] = None
+    collinear: bool = False
+
+
+@dataclass(frozen=True)
+class Bowing:
+    """d*r^2 of solved minus measured camera heights at the block's radius, with its standard error."""
+
+    bowing_m: Optional[float] = None
+    se_m: Optional[float] = None
+    radius_m: Optional[float] = None
+
+
+@dataclass(frozen=True)
+class SolvedCamera:
+    """A profile's camera as solved: ratios to max(width, height), distortion k1, k2, p1, p2, k3."""
+
+    profile: str
+    focal_ratio: float
+    center_ratio: Tuple[float, float]
+    distortion: Tuple[float, ...]
+    held: bool
+    frames: int
+    mean_reproj_error_px: Optional[float] = None
+    focal_sigma: Optional[float] = None
+    prior_change: Optional[float] = None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One calibration tried on the same matches, with what it cost and how it fared."""
+
+    profile: str
+    name: str
+    focal_source: str
+    distortion_source: str
+    focal_ratio: float
+    distortion: Tuple[float, ...]
+    held: bool
+    mean_reproj_error_px: Optional[float] = None
+    gps_horizontal_m: Optional[float] = None
+    gps_vertical_m: Optional[float] = None
+    height_m: Optional[float] = None
+    bowing: Bowing = Bowing()
+    vetoed: str = ""
+    chosen: bool = False
+
+
+@dataclass(frozen=True)
+class PayloadAlignment:
+    """How one payload fared inside a solved model.
+
+    ``together`` is its residual under the similarity fitted on the anchor
+    payload, ``alone`` under its own. ``cross_inliers`` is the median of its
+    verified pairs with other payloads.
+    """
+
+    payload: str
+    frames: int
+    registered: int
+    in_main_component: int
+    mean_reproj_error_px: Optional[float]
+    together: GpsFit
+    alone: GpsFit
+    height_m: Optional[float] = None
+    flown_height_m: Optional[float] = None
+    bowing: Bowing = Bowing()
+    cross_pairs: int = 0
+    cross_inliers: Optional[int] = None
+    capture_gap_m: Optional[Tuple[float, float]] = None
+    verdict: str = "unproven"
+    reasons: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class AlignedFrame:
+    """Where one frame ended: its component (0 is the largest) and its error."""
+
+    path: str
+    registered: bool
+    component: Optional[int] = None
+    mean_reproj_error_px: Optional[float] = None
+    gps_residual_m: Optional[Tuple[float, float, float]] = None
+
+
+@dataclass(frozen=True)
+class AlignmentReport:
+    """What one alignment showed. ``rung`` is ``quick``, ``mixed``, ``pairwise`` or ``alone``."""
+
+    name: str
+    engine: str
+    rung: str
+    frames: Tuple[AlignedFrame, ...]
+    registered: int
+    components: int
+    mean_reproj_error_px: Optional[float]
+    anchor: Optional[str]
+    gps: GpsFit
+    height_m: Optional[float]
+    bowing: Bowing
+    payloads: Tuple[PayloadAlignment, ...]
+    cameras: Tuple[SolvedCamera, ...]
+    candidates: Tuple[Candidate, ...]
+    pairs: Tuple[PairInliers, ...]
+    pairs_tried: int
+    median_inliers: Optional[int]
+    notes: Tuple[str, ...] = ()

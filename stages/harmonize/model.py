@@ -1,0 +1,65 @@
+"""What the harmonizing stage plans and what it did."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+
+@dataclass(frozen=True)
+class Lut:
+    """One table per profile, flight and channel: 256 entries of 0..255 each, monotone."""
+
+    id: str
+    tables: Tuple[Tuple[int, ...], ...]
+    offset_dn: Tuple[float, ...]
+    reference: str
+    frames_sampled: int
+
+
+@dataclass(frozen=True)
+class FlightAction:
+    """What happens to the frames of one profile and flight.
+
+    ``scale`` is linear, 1.0 leaves the pixels. ``write_lut`` is set where the
+    table goes into what is written (8-bit RGB); otherwise it serves the
+    in-memory copies of the alignment only. ``focal_mm`` is the one focal tag
+    that the project's copies carry, ``None`` leaves the tags.
+    """
+
+    profile: str
+    flight: str
+    frames: Tuple[str, ...]
+    gsd_cm: Optional[float]
+    target_gsd_cm: Optional[float]
+    scale: float
+    width: int
+    height: int
+    out_width: int
+    out_height: int
+    lut: Optional[str] = None
+    write_lut: bool = False
+    focal_mm: Optional[float] = None
+    focal_35mm: Optional[float] = None
+    reasons: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class HarmonizePlan:
+    """All that harmonizing will do, before any pixel moves."""
+
+    actions: Tuple[FlightAction, ...]
+    luts: Tuple[Lut, ...] = ()
+
+
+@dataclass(frozen=True)
+class HarmonizedFrame:
+    """One frame as it goes into a project. ``how`` is ``linked``, ``copied``, ``retagged`` or ``resampled``."""
+
+    path: str
+    file: str
+    name: str
+    width: int
+    height: int
+    scale: float
+    how: str

@@ -1,0 +1,102 @@
+"""CameraProfile: the frames that one true camera made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+from .intrinsics import Intrinsics
+
+RGB = "rgb"
+MULTISPECTRAL = "multispectral"
+THERMAL = "thermal"
+SPECTRA = (RGB, MULTISPECTRAL, THERMAL)
+
+
+@dataclass(frozen=True)
+class SurveyFrame:
+    """A frame placed in its survey: what it is, how it looked, whether it is used.
+
+    ``role`` is ``survey``, ``panel``, ``transit``, ``horizon``, ``duplicate``
+    or ``broken``; only ``survey`` frames reach the solver. ``excluded`` is the
+    finding code when the frame goes into no project. ``capture`` is shared by
+    the frames that one trigger made. ``height_m`` is above ground,
+    ``height_source`` is ``relative-altitude``, ``ground-option``, ``dem`` or
+    ``unknown``.
+    """
+
+    path: str
+    profile: str
+    flight: str
+    payload: str
+    capture: str
+    spectrum: str
+    band: str
+    spectrum_evidence: str
+    role: str
+    intrinsics: Intrinsics
+    height_m: Optional[float] = None
+    height_source: str = "unknown"
+    height_sigma_m: Optional[float] = None
+    gsd_cm: Optional[float] = None
+    excluded: Optional[str] = None
+
+
+@dataclass(frozen=True)
+class CameraProfile:
+    """One true camera. ``family`` is make, model, lens, spectrum and band.
+
+    ``focal_variance`` is (max-min)/mean over the *family*; ``lock_reason``
+    says why ``lock`` is or is not set. ``corrected_in_camera`` is set where
+    the camera writes frames whose lens distortion it already removed.
+    """
+
+    id: str
+    family: str
+    spectrum: str
+    band: str
+    make: str
+    model: str
+    lens: str
+    serial: str
+    mode: str
+    width: int
+    height: int
+    frames: Tuple[str, ...]
+    intrinsics: Intrinsics
+    focal_mm_min: Optional[float] = None
+    focal_mm_max: Optional[float] = None
+    focal_variance: float = 0.0
+    corrected_in_camera: bool = False
+    thermal_reading: str = ""
+    lock: bool = False
+    lock_reason: str = ""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A profile's frames of one session, in time order. ``gsd_cm`` and ``height_m`` are medians."""
+
+    id: str
+    profile: str
+    frames: Tuple[str, ...]
+    start: Optional[str] = None
+    end: Optional[str] = None
+    height_m: Optional[float] = None
+    height_source: str = "unknown"
+    height_sigma_m: Optional[float] = None
+    gsd_cm: Optional[float] = None
+
+
+@dataclass(frozen=True)
+class Payload:
+    """Profiles that enter a reconstruction as one: a camera, or all bands of one rig.
+
+    ``primary`` is the profile whose frames the solver sees.
+    """
+
+    id: str
+    spectrum: str
+    profiles: Tuple[str, ...]
+    primary: str
+    bands: Tuple[str, ...] = ()

@@ -1,0 +1,137 @@
+"""Every number that decides something, with its unit and its reason.
+
+A threshold is a field of ``Thresholds``; ``--thresholds FILE.json`` sets any of
+them by name. Stages take the object as an argument and never write a deciding
+number of their own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Any, Dict, Mapping
+
+from .errors import UsageError
+
+
+def _number(default: Any, unit: str, why: str) -> Any:
+    return field(default=default, metadata={"unit": unit, "why": why})
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """The numbers of the job. ``describe()`` lists them with unit and reason."""
+
+    # --- profiles and intrinsics -------------------------------------------------
+    focal_variance: float = _number(
+        0.03, "ratio", "(max-min)/mean in a family above which intrinsics are locked: firmware drift starts here"
+    )
+    focal_split: float = _number(
+        0.10, "ratio", "focal centres of one name farther apart than this are two lenses, not drift"
+    )
+    focal_bin: float = _number(0.02, "ratio", "width of one focal bin of a zoom lens: one camera per bin")
+    focal_source_gap: float = _number(
+        0.03, "ratio", "ODM's own focal farther than this from a better source gets a cameras file"
+    )
+    sensor_width_mm: float = _number(
+        0.1, "mm", "sensor widths in a family farther apart than this: one of the tags is stale"
+    )
+    aspect_tolerance: float = _number(
+        0.002, "ratio", "sizes whose aspect agrees within this are the same frame scaled, not a crop"
+    )
+
+    # --- captures and flights ----------------------------------------------------
+    capture_time_s: float = _number(2.0, "s", "frames of one DJI capture are written within this time")
+    capture_distance_m: float = _number(3.0, "m", "frames of one capture stand at one place within GPS rounding")
+    flight_gap_s: float = _number(900.0, "s", "a pause longer than this between frames of a profile starts a new flight")
+    flight_gap_m: float = _number(2000.0, "m", "a jump farther than this starts a new flight")
+    gps_outlier_m: float = _number(5000.0, "m", "a frame this far from the median of its flight has a wrong position")
+    transit_height_ratio: float = _number(
+        0.5, "ratio", "below this share of the flight's median height a frame is take-off or landing"
+    )
+    panel_height_m: float = _number(5.0, "m", "a panel capture is made by hand near the ground")
+    oblique_pitch_deg: float = _number(30.0, "degree", "gimbal off nadir by more than this is an oblique frame")
+    horizon_pitch_deg: float = _number(80.0, "degree", "gimbal off nadir by more than this looks at the horizon")
+
+    # --- GSD and radiometry ------------------------------------------------------
+    gsd_trigger: float = _number(0.05, "ratio", "GSD farther than this from the target is resampled (document's rule)")
+    gsd_sigma_factor: float = _number(2.0, "sigma", "a GSD ratio within this many sigma of the height is no difference")
+    height_sigma_relative_m: float = _number(2.0, "m", "spread of a barometric height above take-off")
+    height_sigma_gps_m: float = _number(5.0, "m", "spread of a plain GPS altitude")
+    upsample_limit: float = _number(4.0, "ratio linear", "beyond this no detail is left that interpolation could serve")
+    max_megapixels: float = _number(60.0, "MP", "largest frame that resampling writes")
+    channel_offset_dn: float = _number(15.0, "DN of 255", "mean channel offset above which histograms are matched")
+    lut_max_slope: float = _number(4.0, "DN per DN", "a steeper table amplifies noise and JPEG blocks")
+    jpeg_quality: int = _number(95, "libjpeg quality", "re-encoding loss stays below sensor noise")
+
+    # --- alignment ---------------------------------------------------------------
+    min_inliers: int = _number(30, "matches", "verified matches of a pair; no false pair of two surveys reached it")
+    max_reproj_error_px: float = _number(2.0, "px", "mean reprojection error of an accepted model; necessary, never enough")
+    min_registered_share: float = _number(0.5, "ratio", "a payload with fewer of its frames in the model is not held by it")
+    min_proof_frames: int = _number(6, "frames", "fewer camera centres cannot contradict a similarity: unproven")
+    collinear_ratio: float = _number(
+        0.03, "ratio", "second over first singular value of the centres below which they are one line"
+    )
+    gps_sigma_horizontal_m: float = _number(3.0, "m", "plain GPS, horizontal")
+    gps_sigma_vertical_m: float = _number(5.0, "m", "plain GPS, vertical")
+    gps_sigma_factor: float = _number(2.0, "sigma", "residual of the fit up to which a payload passes")
+    rtk_sigma_floor_m: float = _number(0.05, "m", "antenna to camera offset: no RTK residual is believed below this")
+    capture_gap_base_m: float = _number(1.0, "m", "capture centres may lie this far apart besides lever arm and motion")
+    capture_gap_vertical: float = _number(0.03, "ratio of height", "vertical gap of a capture's centres that is normal")
+    capture_readout_s: float = _number(0.1, "s", "shutter and readout differ by at most this inside one capture")
+    lever_arm_m: float = _number(0.3, "m", "payloads of one drone hang at most this far apart")
+    pairs_per_frame: int = _number(12, "pairs", "pairs tried per frame")
+    pairs_cross: int = _number(4, "pairs", "of those, at least these to other profiles or flights")
+    pairs_strip: int = _number(2, "pairs", "of those, at least these to neighbouring strips")
+    overlap_sigma_factor: float = _number(3.0, "sigma", "footprints farther apart than their radii plus this cannot overlap")
+    all_pairs_limit: int = _number(60, "frames", "up to this many frames without GPS every pair is tried")
+    retrieval_pairs: int = _number(30, "pairs", "tried by likeness before a payload is isolated")
+    align_max_dim_px: int = _number(1600, "px", "longer side for the alignment: the verdict is the same as at full size")
+    align_max_features: int = _number(4096, "features", "cap of the quick rung; decides time, not the verdict")
+    mixed_peak_threshold: float = _number(0.003, "contrast", "mixed block: admits weaker extrema than COLMAP's 0.0067")
+    mixed_max_features: int = _number(12000, "features", "mixed block")
+    mixed_max_ratio: float = _number(0.85, "ratio", "mixed block: Lowe's ratio")
+    filter_max_reproj_error_px: float = _number(4.0, "px", "mixed block: observations beyond it are dropped")
+    affine_iterations: int = _number(5000, "iterations", "RANSAC across spectra")
+    bowing_sigma: float = _number(3.0, "standard errors", "bowing is called only beyond this many")
+    held_reproj_cost: float = _number(0.10, "ratio", "reprojection error that holding a trusted calibration may cost")
+    height_veto_m: float = _number(2.0, "m", "a candidate whose height misses the relative altitude by more is vetoed")
+    height_veto_ratio: float = _number(0.05, "ratio", "the same as a share of the height; the larger holds")
+    solved_focal_sigma: float = _number(3.0, "sigma", "solved focals this far apart, and 1 %, are two cameras")
+    solved_focal_gap: float = _number(0.01, "ratio", "solved focals closer than this are one camera")
+
+    # --- ground control ----------------------------------------------------------
+    gcp_min_points: int = _number(5, "points", "fewer cannot replace the GPS that ODM then switches off")
+    gcp_min_images: int = _number(3, "images", "a point in fewer images is not fixed in height")
+    gcp_hull_share: float = _number(0.30, "ratio of block area", "points over a smaller part let the rest tilt")
+
+    # --- input bounds ------------------------------------------------------------
+    max_xmp_bytes: int = _number(4 * 1024 * 1024, "bytes", "an XMP packet larger than this is not read")
+    max_ifd_entries: int = _number(4096, "entries", "a directory with more is damaged")
+
+    def replaced(self, changes: Mapping[str, Any]) -> "Thresholds":
+        """Return a copy with ``changes``; an unknown name or a wrong type is a ``UsageError``."""
+        known = {f.name: f for f in dataclasses.fields(self)}
+        clean: Dict[str, Any] = {}
+        for name, value in changes.items():
+            if name not in known:
+                raise UsageError(f"There is no threshold named {name!r}. Known names: {', '.join(sorted(known))}.")
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+                raise UsageError(f"Threshold {name!r} needs a finite number, not {value!r}.")
+            whole = isinstance(known[name].default, int)
+            if whole and value != int(value):
+                raise UsageError(f"Threshold {name!r} needs a whole number, not {value!r}.")
+            clean[name] = int(value) if whole else float(value)
+        return dataclasses.replace(self, **clean)
+
+    @classmethod
+    def describe(cls) -> Dict[str, Dict[str, Any]]:
+        """Name -> default, unit and reason, for the docs and the report."""
+        return {
+            f.name: {"default": f.default, "unit": f.metadata["unit"], "why": f.metadata["why"]}
+            for f in dataclasses.fields(cls)
+        }
+
+
+DEFAULTS = Thresholds()
