@@ -46,8 +46,9 @@ class SurveyFrame:
 class CameraProfile:
     """One true camera. ``family`` is make, model, lens, spectrum and band.
 
-    ``focal_variance`` is (max-min)/mean over the *family*; ``lock_reason``
-    says why ``lock`` is or is not set. ``corrected_in_camera`` is set where
+    ``focal_variance`` is (max-min)/mean over the profile's frames,
+    ``family_focal_variance`` over the whole family before it was split;
+    ``lock_reason`` says why ``lock`` is or is not set. ``corrected_in_camera`` is set where
     the camera writes frames whose lens distortion it already removed.
     """
 
@@ -67,6 +68,7 @@ class CameraProfile:
     focal_mm_min: Optional[float] = None
     focal_mm_max: Optional[float] = None
     focal_variance: float = 0.0
+    family_focal_variance: float = 0.0
     corrected_in_camera: bool = False
     thermal_reading: str = ""
     lock: bool = False

@@ -47,6 +47,11 @@ class Thresholds:
     flight_gap_s: float = _number(900.0, "s", "a pause longer than this between frames of a profile starts a new flight")
     flight_gap_m: float = _number(2000.0, "m", "a jump farther than this starts a new flight")
     gps_outlier_m: float = _number(5000.0, "m", "a frame this far from the median of its flight has a wrong position")
+    flight_level_gap: float = _number(0.20, "ratio", "heights of one session this far apart are two flights")
+    min_level_frames: int = _number(5, "frames", "fewer frames at another height are a climb, not a flight")
+    transit_max_frames: int = _number(5, "frames", "take-off and landing leave few frames")
+    transit_max_share: float = _number(0.10, "ratio", "or this share of the flight; more is a low flight")
+    unknown_footprint_m: float = _number(200.0, "m", "reach of a frame whose height or focal is unknown")
     transit_height_ratio: float = _number(
         0.5, "ratio", "below this share of the flight's median height a frame is take-off or landing"
     )

@@ -1,0 +1,191 @@
+"""Sessions, heights above ground, GSD, and which frames are survey (pure)."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+
+from .captures import seconds
+from .frame import Frame
+from .geo import distance_m, median
+from .intrinsics import Intrinsics
+from .profile import CameraProfile, Flight
+from .thresholds import Thresholds
+
+SURVEY, PANEL, TRANSIT, HORIZON = "survey", "panel", "transit", "horizon"
+
+
+@dataclass(frozen=True)
+class Height:
+    """Height above ground in metres with its source and standard deviation."""
+
+    value_m: Optional[float] = None
+    source: str = "unknown"
+    sigma_m: Optional[float] = None
+
+
+def height_above_ground(frame: Frame, ground_m: Optional[float], limits: Thresholds) -> Height:
+    """Relative altitude (above take-off), else GPS altitude minus the ground given, else unknown."""
+    if frame.relative_altitude_m is not None and math.isfinite(frame.relative_altitude_m):
+        return Height(frame.relative_altitude_m, "relative-altitude", limits.height_sigma_relative_m)
+    if ground_m is not None and frame.altitude_m is not None:
+        return Height(frame.altitude_m - ground_m, "ground-option", limits.height_sigma_gps_m)
+    return Height()
+
+
+def gsd_cm(intrinsics: Intrinsics, height_m: Optional[float], width_px: int) -> Optional[float]:
+    """Ground sampling distance in cm: 100 h / (focal_ratio * width) = 100 sensor_width h / (focal width).
+
+    ``None`` where the height is unknown or not positive, or the focal unknown.
+    """
+    if height_m is None or height_m <= 0 or not intrinsics.focal_ratio or width_px <= 0:
+        return None
+    return 100.0 * height_m / (intrinsics.focal_ratio * width_px)
+
+
+def _time_order(frames: Sequence[Frame]) -> List[Frame]:
+    def key(frame: Frame) -> Tuple[float, str]:
+        moment = seconds(frame)
+        return (math.inf if moment is None else moment, frame.path)
+
+    return sorted(frames, key=key)
+
+
+def _sessions(frames: Sequence[Frame], limits: Thresholds) -> List[List[Frame]]:
+    """Cut the time-ordered frames of a profile at pauses and jumps."""
+    sessions: List[List[Frame]] = []
+    last_fix: Optional[Tuple[float, float]] = None
+    for frame in _time_order(frames):
+        fix = None
+        if frame.has_gps and frame.latitude is not None and frame.longitude is not None:
+            fix = (frame.latitude, frame.longitude)
+        new = not sessions
+        if sessions:
+            before, now = seconds(sessions[-1][-1]), seconds(frame)
+            if before is not None and now is not None and now - before > limits.flight_gap_s:
+                new = True
+            elif (before is None) != (now is None):
+                new = True
+            if fix and last_fix and distance_m(last_fix, fix) > limits.flight_gap_m:
+                new = True
+        if new:
+            sessions.append([])
+        sessions[-1].append(frame)
+        last_fix = fix or last_fix
+    return _rejoin_outliers(sessions, limits)
+
+
+def _rejoin_outliers(sessions: List[List[Frame]], limits: Thresholds) -> List[List[Frame]]:
+    """One or two frames with a wild position do not cut their flight in three."""
+    joined: List[List[Frame]] = []
+    index = 0
+    while index < len(sessions):
+        current = sessions[index]
+        if joined and len(current) <= 2 and index + 1 < len(sessions):
+            before, after = seconds(joined[-1][-1]), seconds(sessions[index + 1][0])
+            inside = before is not None and after is not None and after - before <= limits.flight_gap_s
+            if inside and len(joined[-1]) > 2 and len(sessions[index + 1]) > 2:
+                joined[-1] = joined[-1] + current + sessions[index + 1]
+                index += 2
+                continue
+        joined.append(current)
+        index += 1
+    return joined
+
+
+def _levels(frames: Sequence[Frame], heights: Mapping[str, Height], limits: Thresholds) -> List[List[Frame]]:
+    """Split a session that was flown at clearly different heights; each level is a flight of its own."""
+    known = sorted(h for f in frames if (h := heights[f.path].value_m) is not None and h > 0)
+    if len(known) < 2 * limits.min_level_frames:
+        return [list(frames)]
+    cuts: List[float] = []
+    run = 1
+    for low, high in zip(known, known[1:]):
+        if high > low * (1.0 + limits.flight_level_gap) and run >= limits.min_level_frames:
+            rest = sum(1 for h in known if h >= high)
+            if rest >= limits.min_level_frames:
+                cuts.append((low + high) / 2.0)
+                run = 0
+        run += 1
+    if not cuts:
+        return [list(frames)]
+    levels: Dict[int, List[Frame]] = defaultdict(list)
+    for frame in frames:
+        height = heights[frame.path].value_m
+        levels[sum(1 for c in cuts if height is not None and height > c)].append(frame)
+    return [levels[k] for k in sorted(levels)]
+
+
+def roles(frames: Sequence[Frame], heights: Mapping[str, Height], limits: Thresholds) -> Dict[str, str]:
+    """Class a flight's frames (time-ordered): survey, panel, transit, horizon.
+
+    Panel: the camera said so, or a still burst near the ground at an end of
+    the flight. Transit: at an end of the flight and below half its median
+    height, as long as such frames are a small part of it.
+    """
+    result = {f.path: PANEL if f.panel else SURVEY for f in frames}
+    for frame in frames:
+        if frame.pitch_deg is not None and result[frame.path] == SURVEY:
+            if 90.0 + frame.pitch_deg > limits.horizon_pitch_deg:
+                result[frame.path] = HORIZON
+    known = [h for f in frames if (h := heights[f.path].value_m) is not None]
+    if len(known) < limits.min_proof_frames or median(known) <= 2.0 * limits.panel_height_m:
+        return result
+    usual = median(known)
+    allowed = max(limits.transit_max_frames, int(limits.transit_max_share * len(frames)))
+    for ordered in (list(frames), list(reversed(frames))):
+        low: List[Frame] = []
+        for frame in ordered:
+            height = heights[frame.path].value_m
+            if height is None or height >= limits.transit_height_ratio * usual:
+                break
+            low.append(frame)
+        if len(low) > allowed:
+            continue
+        for frame in low:
+            height = heights[frame.path].value_m
+            if result[frame.path] == SURVEY:
+                ground = height is not None and height <= limits.panel_height_m and bool(frame.bands)
+                result[frame.path] = PANEL if ground and not frame.focal_35mm else TRANSIT
+    return result
+
+
+def find_flights(
+    profile: CameraProfile, files: Mapping[str, Frame], heights: Mapping[str, Height], limits: Thresholds
+) -> Tuple[Tuple[Flight, ...], Dict[str, str]]:
+    """Cut a profile into flights and class its frames; figures are medians over survey frames."""
+    flights: List[Flight] = []
+    role: Dict[str, str] = {}
+    frames = [files[p] for p in profile.frames]
+    parts: List[List[Frame]] = []
+    for session in _sessions(frames, limits):
+        session_roles = roles(session, heights, limits)
+        role.update(session_roles)
+        survey = [f for f in session if session_roles[f.path] == SURVEY]
+        levels = _levels(survey, heights, limits) if survey else []
+        aside = [f for f in session if session_roles[f.path] != SURVEY]
+        if levels:
+            levels[0] = _time_order(levels[0] + aside)
+        parts.extend(levels or [aside])
+    for number, part in enumerate(parts, start=1):
+        ordered = _time_order(part)
+        survey = [f for f in ordered if role[f.path] == SURVEY] or ordered
+        known = sorted((h.value_m, h.source, h.sigma_m) for f in survey if (h := heights[f.path]).value_m is not None)
+        middle = known[(len(known) - 1) // 2] if known else (None, "unknown", None)
+        times = [f.time for f in ordered if f.time]
+        flights.append(
+            Flight(
+                id=f"{profile.id}:{number}",
+                profile=profile.id,
+                frames=tuple(f.path for f in ordered),
+                start=times[0] if times else None,
+                end=times[-1] if times else None,
+                height_m=middle[0],
+                height_source=middle[1],
+                height_sigma_m=middle[2],
+                gsd_cm=gsd_cm(profile.intrinsics, middle[0], profile.width),
+            )
+        )
+    return tuple(flights), role
