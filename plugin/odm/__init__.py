@@ -1,0 +1,1 @@
+"""Everything that knows ODM: camera ids, options, project folders, what it would do with a folder."""
