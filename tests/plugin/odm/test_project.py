@@ -102,11 +102,6 @@ def test_the_script_hands_every_value_through_a_real_shell(project: Path, tmp_pa
         assert words[:4] == ["run", "--rm", "-v", f"{project}:/datasets/project"]
         assert words[5:8] == ["--project-path", "/datasets", "--cameras"]
         assert words[8] == "/datasets/project/sensorgate/calibration.json"
-            "--project-path",
-            "/datasets",
-            "--cameras",
-            "/datasets/project/sensorgate/calibration.json",
-        ]
         assert words[9:] == [*passed, "project"]
 
 
