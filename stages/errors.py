@@ -54,3 +54,9 @@ class Cancelled(SensorgateError):
     """The user interrupted the work; what was finished stays for ``--resume``."""
 
     exit_code = 130
+
+
+class InconsistentProfiles(SensorgateError, AssertionError):
+    """Raised by ``assert_profiles_consistent``; an ``AssertionError`` that ``python -O`` does not silence."""
+
+    exit_code = 1

@@ -1,0 +1,152 @@
+"""What all verbs share: arguments, thresholds, output, progress bars, exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+from ...stages.errors import UsageError
+from ...stages.progress import Progress
+from ...stages.record import dumps, write_text
+from ...stages.thresholds import DEFAULTS, Thresholds
+
+LOG = logging.getLogger("sensorgate")
+_MAX_SETTINGS_BYTES = 1 << 20
+
+
+def add_input(parser: argparse.ArgumentParser) -> None:
+    """Arguments of verbs that read imagery."""
+    parser.add_argument("paths", nargs="+", metavar="PATH", help="folders or image files")
+    parser.add_argument("--calibration", metavar="FILE", help="your own calibration sheet (JSON or CSV); it wins")
+    parser.add_argument("--ground", type=float, metavar="METRES", help="ground altitude where relative altitude is missing")
+    parser.add_argument(
+        "--gsd-target", default="finest", metavar="finest|coarsest|CM", help="ground resolution to bring frames to"
+    )
+    parser.add_argument("--thresholds", metavar="FILE.json", help="change thresholds by name")
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Arguments of every verb."""
+    parser.add_argument("--json", metavar="FILE", help="write the report as JSON (- for standard output)")
+    parser.add_argument("--log", metavar="FILE", help="write the log there instead of standard error")
+    parser.add_argument("-v", "--verbose", action="count", default=0, help="say more")
+
+
+def start_logging(args: argparse.Namespace) -> None:
+    """Log to the file asked for, else to standard error; warnings only unless -v."""
+    level = [logging.WARNING, logging.INFO, logging.DEBUG][min(args.verbose, 2)]
+    if args.log:
+        try:
+            handler: logging.Handler = logging.FileHandler(args.log, encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"Cannot write the log to {args.log}: {error.strerror}.") from error
+        level = min(level, logging.INFO)
+    else:
+        handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("%(levelname)s %(name)s: %(message)s"))
+    root = logging.getLogger("sensorgate")
+    root.handlers[:] = [handler]
+    root.setLevel(level)
+    root.propagate = False
+
+
+def read_settings(path: str, what: str) -> Dict[str, Any]:
+    """Read a small JSON object; anything else is a ``UsageError``."""
+    file = Path(path)
+    try:
+        if file.stat().st_size > _MAX_SETTINGS_BYTES:
+            raise UsageError(f"{path} is too large for {what}.")
+        value = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"Cannot read {what} from {path}: {error.strerror}.") from error
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"{path} is not valid JSON: {error}.") from error
+    if not isinstance(value, dict):
+        raise UsageError(f"{path} must hold a JSON object of names and values.")
+    return value
+
+
+def thresholds_from(args: argparse.Namespace) -> Thresholds:
+    """The defaults with the changes of ``--thresholds``."""
+    return DEFAULTS.replaced(read_settings(args.thresholds, "thresholds")) if args.thresholds else DEFAULTS
+
+
+def gsd_target_from(text: str) -> "str | float":
+    """``finest``, ``coarsest`` or a positive number of centimetres."""
+    if text in ("finest", "coarsest"):
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < 1e4:
+        raise UsageError(f"--gsd-target takes finest, coarsest or a number of centimetres, not {text!r}.")
+    return value
+
+
+def emit_json(target: Optional[str], value: Any) -> None:
+    """Write ``value`` where ``--json`` says."""
+    if target is None:
+        return
+    if target == "-":
+        sys.stdout.write(dumps(value))
+        return
+    try:
+        write_text(target, dumps(value))
+    except OSError as error:
+        raise UsageError(f"Cannot write {target}: {error.strerror}.") from error
+
+
+def show(lines: List[str], args: argparse.Namespace) -> None:
+    """Print the table, unless standard output carries the JSON."""
+    if args.json != "-":
+        sys.stdout.write("\n".join(lines) + "\n")
+
+
+class Bars:
+    """Progress on standard error: one bar per stage on a terminal, nothing elsewhere."""
+
+    def __init__(self) -> None:
+        self._stage = ""
+        self._bar: Any = None
+        self._live = sys.stderr.isatty()
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Show ``done`` of ``total`` for ``stage``."""
+        if not self._live:
+            return
+        if stage != self._stage:
+            self.close()
+            self._stage = stage
+            try:
+                from tqdm import tqdm
+
+                self._bar = tqdm(total=total or None, desc=f"{stage:<12}", unit="", file=sys.stderr, leave=True)
+            except ImportError:
+                self._bar = None
+        if self._bar is not None:
+            self._bar.total = total or None
+            self._bar.update(done - self._bar.n)
+        else:
+            sys.stderr.write(f"\r{stage:<12} {done}/{total or '?'}")
+            sys.stderr.flush()
+
+    def close(self) -> None:
+        """End the current bar."""
+        if self._bar is not None:
+            self._bar.close()
+        elif self._stage and self._live:
+            sys.stderr.write("\n")
+        self._bar = None
+        self._stage = ""
+
+
+def progress_bars() -> Bars:
+    """A fresh set of bars; usable as a ``Progress``."""
+    bars = Bars()
+    _: Progress = bars
+    return bars

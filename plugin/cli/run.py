@@ -1,0 +1,69 @@
+"""``sensorgate run``: from a mixed folder to ODM projects."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from ...stages.errors import UsageError
+from .. import pipeline
+from ..report.terminal import lines
+from .common import add_input, add_output, emit_json, gsd_target_from, progress_bars, show, thresholds_from
+
+
+def register(verbs: Any) -> None:
+    """Add the verb to the parser."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "run",
+        help="write one ODM project for each group of frames that belongs together",
+        description="Exit code 0: everything is placed and proceeds. 1: something is isolated, unproven or left out. "
+        "3: nothing was written. 2: wrong usage. 4: something is not installed. 130: interrupted.",
+    )
+    add_input(parser)
+    parser.add_argument("--out", required=True, metavar="DIR", help="an empty or new folder for the projects")
+    parser.add_argument("--gcp", metavar="FILE", help="ground control points in ODM's gcp_list.txt format")
+    parser.add_argument("--force-gcp", action="store_true", help="let ground control replace GPS where it is enough")
+    parser.add_argument("--geo", metavar="FILE", help="positions in ODM's geo.txt format")
+    parser.add_argument("--engine", choices=("pycolmap", "colmap"), default="pycolmap", help="solver of the alignment")
+    parser.add_argument("--max-dim", type=int, metavar="PX", help="longer side of the frames in the alignment")
+    parser.add_argument("--no-align", action="store_true", help="write projects by metadata alone (unproven)")
+    parser.add_argument("--resume", action="store_true", help="go on with an interrupted run")
+    parser.add_argument("--work", metavar="DIR", help="scratch folder (default: .work in the output folder)")
+    add_output(parser)
+    parser.set_defaults(call=call)
+
+
+def call(args: argparse.Namespace) -> int:
+    """Run the main job and print its story."""
+    if args.max_dim is not None and not 200 <= args.max_dim <= 20000:
+        raise UsageError(f"--max-dim takes 200 to 20000 pixels, not {args.max_dim}.")
+    bars = progress_bars()
+    try:
+        result = pipeline.run(
+            args.paths,
+            Path(args.out),
+            pipeline.Settings(
+                thresholds=thresholds_from(args),
+                calibration=args.calibration,
+                ground_m=args.ground,
+                gsd_target=gsd_target_from(args.gsd_target),
+                gcp=args.gcp,
+                force_gcp=args.force_gcp,
+                geo=args.geo,
+                engine=args.engine,
+                max_dim=args.max_dim,
+                align=not args.no_align,
+            ),
+            work=Path(args.work) if args.work else None,
+            resume=args.resume,
+            progress=bars,
+        )
+    finally:
+        bars.close()
+    emit_json(args.json, result.report)
+    show(lines(result.report, width=100, colour=sys.stdout.isatty()), args)
+    if args.json != "-":
+        print(f"\nReport: {Path(args.out) / 'report.html'}")
+    return result.exit_code

@@ -1,0 +1,162 @@
+"""Which frames may share a project, as requests to the solver (pure).
+
+Spectra never share one; all bands of one rig do, entered by their primary
+band; frames over different places do not; two kinds of multispectral rig do
+not, because ODM sorts bands by name over a whole project.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Dict, List, Mapping, Optional, Sequence, Set, Tuple
+
+from .align.model import AlignCamera, AlignFrame, AlignRequest, GcpMark
+from .captures import seconds
+from .frame import Frame
+from .gate import gps_outliers, incomplete_captures, is_rtk_fixed, kept_bands, rig_kind
+from .harmonize.model import HarmonizedFrame
+from .profile import MULTISPECTRAL, Payload, SurveyFrame
+from .survey import Survey
+from .thresholds import Thresholds
+
+
+@dataclass(frozen=True)
+class Group:
+    """Frames that may share one project: one spectrum, one area, and one kind of rig where there are bands.
+
+    ``frames`` are all paths of the group, ``solver_frames`` those that the
+    solver sees (the primary band), both sorted.
+    """
+
+    name: str
+    spectrum: str
+    area: int
+    payloads: Tuple[str, ...]
+    frames: Tuple[str, ...]
+    solver_frames: Tuple[str, ...]
+
+
+def left_out(survey: Survey) -> Dict[str, str]:
+    """Path -> finding code of survey frames that no project can take (incomplete captures, lost bands)."""
+    out: Dict[str, str] = {}
+    for payload in survey.payloads:
+        if len(payload.profiles) > 1:
+            kept = set(kept_bands(survey, payload))
+            band = {f.path: f.band for f in survey.frames}
+            for path in incomplete_captures(survey, payload):
+                out[path] = "capture-incomplete" if band[path] in kept else "band-mostly-missing"
+    return out
+
+
+def primary_of(survey: Survey, payload: Payload) -> str:
+    """The profile whose frames the solver sees: the payload's primary, or another where its band was given up."""
+    profiles = survey.profile_of()
+    kept = kept_bands(survey, payload) if len(payload.profiles) > 1 else payload.bands
+    if profiles[payload.primary].band in kept:
+        return payload.primary
+    return next((p for p in payload.profiles if profiles[p].band in kept), payload.primary)
+
+
+def groups_of(survey: Survey) -> Tuple[Group, ...]:
+    """Cut the usable frames into groups, each a candidate for one project."""
+    dropped = left_out(survey)
+    area = survey.area_of()
+    payloads = {p.id: p for p in survey.payloads}
+    primary = {p.id: primary_of(survey, p) for p in survey.payloads}
+    rig_area: Dict[Tuple[str, str], int] = {}
+    usable = [f for f in survey.frames if f.excluded is None and f.path not in dropped]
+    for frame in usable:
+        if frame.profile == primary[frame.payload]:
+            rig_area[(frame.payload, frame.capture)] = area[frame.flight]
+    members: Dict[Tuple[str, Tuple[str, ...], int], List[SurveyFrame]] = defaultdict(list)
+    for frame in usable:
+        payload = payloads[frame.payload]
+        kind: Tuple[str, ...] = ()
+        if payload.spectrum == MULTISPECTRAL:
+            make, model, bands = rig_kind(payload, survey)
+            kind = (make, model, *bands)
+        place = rig_area.get((frame.payload, frame.capture), area[frame.flight])
+        members[(payload.spectrum, kind, place)].append(frame)
+    by_spectrum: Dict[str, int] = defaultdict(int)
+    result: List[Group] = []
+    for key in sorted(members, key=lambda k: (k[0], k[2], k[1])):
+        spectrum, _, place = key
+        by_spectrum[spectrum] += 1
+        number = by_spectrum[spectrum]
+        frames = members[key]
+        result.append(
+            Group(
+                name=spectrum if number == 1 else f"{spectrum}-{number}",
+                spectrum=spectrum,
+                area=place,
+                payloads=tuple(sorted({f.payload for f in frames})),
+                frames=tuple(sorted(f.path for f in frames)),
+                solver_frames=tuple(sorted(f.path for f in frames if f.profile == primary[f.payload])),
+            )
+        )
+    return tuple(result)
+
+
+def gps_sigma_of(frame: Frame, limits: Thresholds) -> Tuple[float, float]:
+    """Standard deviation of a frame's position, horizontal and vertical, m: RTK's own when fixed, else plain GPS."""
+    if is_rtk_fixed(frame.rtk_flag) and frame.rtk_std_m is not None:
+        lon, lat, up = frame.rtk_std_m
+        floor = limits.rtk_sigma_floor_m
+        return max(floor, (lon * lon + lat * lat) ** 0.5), max(floor, up)
+    return limits.gps_sigma_horizontal_m, limits.gps_sigma_vertical_m
+
+
+def request_of(
+    group: Group,
+    survey: Survey,
+    copies: Mapping[str, HarmonizedFrame],
+    limits: Thresholds,
+    marks: Sequence[GcpMark] = (),
+    accuracies: Optional[Mapping[str, Tuple[float, float]]] = None,
+) -> AlignRequest:
+    """The solver's request for one group; ``copies`` says where each frame's pixels are and how large."""
+    files = survey.file_of()
+    profiles = survey.profile_of()
+    placed = {f.path: f for f in survey.frames}
+    wild = set(gps_outliers(survey, limits))
+    frames: List[AlignFrame] = []
+    shapes: Set[Tuple[str, int, int]] = set()
+    for path in group.solver_frames:
+        file, where, copy = files[path], placed[path], copies[path]
+        position = None
+        if file.has_gps and path not in wild and file.latitude is not None and file.longitude is not None:
+            position = (file.latitude, file.longitude, file.altitude_m if file.altitude_m is not None else 0.0)
+        sigma = (accuracies or {}).get(path) or gps_sigma_of(file, limits)
+        shapes.add((where.profile, copy.width, copy.height))
+        frames.append(
+            AlignFrame(
+                path=path,
+                file=copy.file,
+                width=copy.width,
+                height=copy.height,
+                profile=where.profile,
+                flight=where.flight,
+                payload=where.payload,
+                capture=where.capture,
+                time_s=seconds(file),
+                position=position,
+                sigma_m=sigma if position else None,
+                height_m=where.height_m,
+                yaw_deg=file.yaw_deg,
+                pitch_deg=file.pitch_deg,
+                rtk=is_rtk_fixed(file.rtk_flag),
+            )
+        )
+    cameras = tuple(
+        AlignCamera(
+            profile=profile,
+            width=width,
+            height=height,
+            intrinsics=profiles[profile].intrinsics,
+            corrected_in_camera=profiles[profile].corrected_in_camera,
+        )
+        for profile, width, height in sorted(shapes)
+    )
+    seen = set(group.solver_frames)
+    return AlignRequest(group.name, tuple(frames), cameras, tuple(m for m in marks if m.path in seen))
