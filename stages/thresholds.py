@@ -40,6 +40,25 @@ class Thresholds:
     aspect_tolerance: float = _number(
         0.002, "ratio", "sizes whose aspect agrees within this are the same frame scaled, not a crop"
     )
+    intrinsics_disagreement: float = _number(
+        0.20, "ratio", "a focal this far from every other source of the same frame is not believed"
+    )
+    focal_plane_stale: float = _number(
+        0.05, "ratio", "focal-plane width this far from the exact sheet: the frame was resized and kept its old tags"
+    )
+    sensor_width_min_mm: float = _number(0.8, "mm", "no aerial camera has a narrower sensor: the tag is wrong")
+    sensor_width_max_mm: float = _number(110.0, "mm", "no aerial camera has a wider sensor: the tag is wrong")
+    focal_ratio_min: float = _number(0.15, "ratio", "wider than 147 degrees is no pinhole camera: the tag is wrong")
+    focal_ratio_max: float = _number(100.0, "ratio", "narrower than 0.6 degrees: the tag is wrong")
+    equivalent_crop_aspect: float = _number(
+        1.6, "ratio", "wider stills are cut from a 4:3 sensor and keep the 35 mm equivalent of the whole sensor"
+    )
+    band_wavelength_nm: float = _number(8.0, "nm", "a band centre within this of the standard is that band")
+    thermal_max_megapixels: float = _number(2.0, "MP", "no thermal sensor that flies has more pixels")
+
+    focal_px_min_ratio: float = _number(
+        0.1, "focal over image width", "a calibrated focal without a unit is pixels from here: less would see 157 degrees"
+    )
 
     # --- captures and flights ----------------------------------------------------
     capture_time_s: float = _number(2.0, "s", "frames of one DJI capture are written within this time")
@@ -113,6 +132,7 @@ class Thresholds:
 
     # --- input bounds ------------------------------------------------------------
     max_xmp_bytes: int = _number(4 * 1024 * 1024, "bytes", "an XMP packet larger than this is not read")
+    max_xmp_properties: int = _number(20000, "elements", "an XMP packet with more is no camera's and is not parsed")
     max_ifd_entries: int = _number(4096, "entries", "a directory with more is damaged")
 
     def replaced(self, changes: Mapping[str, Any]) -> "Thresholds":
