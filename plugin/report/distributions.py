@@ -1,0 +1,120 @@
+"""How ground resolution and focal length spread over payloads."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
+
+from . import svg
+from .charts import Colours
+from .view import View
+
+WIDTH = 460.0
+BINS = 72
+MOST_ROWS = 24
+
+
+def gsd_chart(view: View, colour: Colours) -> str:
+    """One histogram per payload on one logarithmic axis; the written copies below the line."""
+    rows: List[Tuple[str, List[float], List[float]]] = []
+    for payload in view.report["payloads"]:
+        frames = [f for f in view.report["frames"] if f["payload"] == payload["id"] and not f["reason"]]
+        before = [f["gsd_cm"] for f in frames if f["gsd_cm"]]
+        after = [f["gsd_after_cm"] for f in frames if f.get("gsd_after_cm")]
+        if before:
+            rows.append((payload["id"], before, after))
+    if not rows or len(rows) > MOST_ROWS:
+        return ""
+    values = [v for _, before, after in rows for v in (*before, *after)]
+    low, high = math.log(min(values) / 1.15), math.log(max(values) * 1.15)
+    left, right = 8.0, WIDTH - 8.0
+    place = lambda v: left + (right - left) * (math.log(v) - low) / (high - low)  # noqa: E731
+    body: List[str] = []
+    y = 0.0
+    words = []
+    for name, before, after in rows:
+        css = svg.colour_class(colour.get(name, 7))
+        y += 16
+        body.append(svg.text(left, y, svg.shortened(name, 44), "label"))
+        y += 26
+        body.append(svg.line((left, y), (right, y), "track"))
+        body.append(_bars([place(v) for v in before], left, right, y, -22.0, css))
+        middle = sorted(before)[len(before) // 2]
+        text = f"{name}: {middle:.2f} cm"
+        changed = after and abs(sorted(after)[len(after) // 2] / middle - 1.0) > 0.005
+        if changed:
+            body.append(_bars([place(v) for v in after], left, right, y, 16.0, f"after {css}"))
+            text += f", written at {sorted(after)[len(after) // 2]:.2f} cm"
+            y += 16
+        words.append(text)
+        y += 4
+    y += 8
+    for value in _log_ticks(math.exp(low), math.exp(high)):
+        body.append(svg.line((place(value), y - 4), (place(value), y), "axis"))
+        body.append(svg.text(place(value), y + 14, f"{value:g} cm", "tick", "middle"))
+    return svg.figure(WIDTH, y + 20, f"Ground resolution, cm per pixel. {'; '.join(words)}.", body)
+
+
+def _bars(places: Sequence[float], left: float, right: float, y: float, height: float, css: str) -> str:
+    """A histogram as one path, its tallest bar ``height`` high (negative: upwards)."""
+    step = (right - left) / BINS
+    counts: Dict[int, int] = {}
+    for x in places:
+        index = min(BINS - 1, max(0, int((x - left) / step)))
+        counts[index] = counts.get(index, 0) + 1
+    most = max(counts.values())
+    bars = "".join(
+        f"M{svg.number(left + i * step)} {svg.number(y)}v{svg.number(height * math.sqrt(counts[i] / most))}"
+        f"h{svg.number(step - 1)}V{svg.number(y)}z"
+        for i in sorted(counts)
+    )
+    return f'<path d="{bars}" class="bars {css}"/>'
+
+
+def _log_ticks(low: float, high: float) -> List[float]:
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    steps = (1.0, 2.0, 5.0) if high / low > 2.5 else (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+    found = [m * 10.0**e for e in range(first, last + 1) for m in steps]
+    return [v for v in found if low <= v <= high]
+
+
+def focal_chart(view: View, colour: Colours) -> str:
+    """Focal tags of each camera whose tags are not all equal, as per cent off their mean."""
+    limit = view.threshold.get("focal_variance", 0.03)
+    owner = {p: i["id"] for i in view.report["payloads"] for p in i["profiles"]}
+    rows: List[Tuple[Mapping[str, Any], Dict[float, int], float]] = []
+    tags: Dict[str, Dict[float, int]] = {}
+    for frame in view.report["frames"]:
+        if frame["focal_mm"] and frame["profile"]:
+            counts = tags.setdefault(frame["profile"], {})
+            counts[frame["focal_mm"]] = counts.get(frame["focal_mm"], 0) + 1
+    for profile in view.report["profiles"]:
+        counts = tags.get(profile["id"], {})
+        if len(counts) > 1:
+            mean = sum(v * n for v, n in counts.items()) / sum(counts.values())
+            rows.append((profile, {v / mean - 1.0: n for v, n in counts.items()}, mean))
+    if not rows or len(rows) > MOST_ROWS:
+        return ""
+    reach = 1.2 * max(limit / 2, max(abs(d) for _, counts, _ in rows for d in counts))
+    left, right = 14.0, WIDTH - 14.0
+    place = lambda d: left + (right - left) * (d + reach) / (2 * reach)  # noqa: E731
+    body: List[str] = []
+    y = 4.0
+    words = []
+    for profile, counts, mean in rows:
+        y += 16
+        spread = max(counts) - min(counts)
+        said = f"{profile['id']}: {100 * spread:.1f} % about {mean:.2f} mm"
+        body.append(svg.text(left - 6, y, svg.shortened(said, 58), "label"))
+        y += 18
+        body.append(svg.rectangle(place(-limit / 2), y - 9, place(limit / 2) - place(-limit / 2), 18, "band"))
+        body.append(svg.line((left, y), (right, y), "track"))
+        css = svg.colour_class(colour.get(owner.get(profile["id"], ""), 7))
+        body.append(svg.dots([(place(d), y) for d in counts], css, 7.0))
+        words.append(said)
+        y += 12
+    y += 6
+    for value in svg.ticks(-100 * reach, 100 * reach, 5):
+        body.append(svg.line((place(value / 100), y - 4), (place(value / 100), y), "axis"))
+        body.append(svg.text(place(value / 100), y + 14, f"{value:+g} %" if abs(value) > 1e-9 else "mean", "tick", "middle"))
+    return svg.figure(WIDTH, y + 20, f"Focal tags around their mean. {'; '.join(words)}.", body)

@@ -1,0 +1,200 @@
+"""The HTML report: one file that carries everything it needs and asks nothing of the network."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Tuple
+
+from ...stages.errors import MissingDependency
+from ...stages.thresholds import Thresholds
+from . import charts, distributions, story, survey_map, svg
+from .previews import AFTER, BEFORE, MOST_BYTES, MOST_PREVIEWS, preview_key
+from .view import ROUTE_WORDS, SOURCE_WORDS, SPECTRUM_WORDS, View, figure, listing, plural, share
+
+HERE = Path(__file__).resolve().parent
+MOST_LISTED = 400
+MOST_SUBJECTS = 40
+MOST_GROUPS = 120
+MOST_ROWS = 300
+ROUTE_ADVICE = {
+    "proceed": "Reconstructed on a trial alignment: queue it.",
+    "pairwise": "Joined step by step; queue it and look at the seams between payloads.",
+    "isolate": "Does not fit the others and runs on its own. Put the products on one grid afterwards with sensorgate fuse.",
+    "unproven": "Nothing proves yet that it reconstructs. submit leaves it out unless you say --include-unproven.",
+}
+
+
+def render(report: Mapping[str, Any], previews: Mapping[str, bytes] = {}) -> str:
+    """Turn a report into one HTML document.
+
+    ``previews`` are JPEG bytes by ``previews.preview_key(path, BEFORE | AFTER)``;
+    beyond ``MOST_PREVIEWS`` pairs or ``MOST_BYTES`` each they are left out.
+    Raises ``MissingDependency`` where Jinja2 is not installed.
+    """
+    try:
+        import jinja2
+    except ImportError as error:
+        raise MissingDependency("Jinja2", "the HTML report", "pip install 'sensorgate[report]'") from error
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(str(HERE)),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    view = View(dict(report))
+    environment.filters.update(figure=figure, listing=listing, share=share, plural=plural, short=svg.shortened, csp_hash=_csp_hash)
+    environment.globals.update(
+        spectrum_words=SPECTRUM_WORDS, route_words=ROUTE_WORDS, route_advice=ROUTE_ADVICE, source_words=SOURCE_WORDS,
+        spread=story.spread_words,
+    )
+    return environment.get_template("report.html").render(
+        **_context(view),
+        drawing=_drawings(view, jinja2),
+        pictures=_pictures(view, previews),
+        style=_trusted(jinja2, (HERE / "report.css").read_text(encoding="utf-8")),
+        most_listed=MOST_LISTED,
+        most_subjects=MOST_SUBJECTS,
+        most_rows=MOST_ROWS,
+    )
+
+
+def _csp_hash(script: str) -> str:
+    """The page's own script by its digest: the browser runs no other."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
+
+
+def _trusted(jinja2: Any, markup: str) -> Any:
+    """Mark text of our own as HTML: a file beside this module, or a drawing that escaped what it was given."""
+    return jinja2.utils.markupsafe.Markup(markup)  # noqa: S704
+
+
+def _context(view: View) -> Dict[str, Any]:
+    report = view.report
+    headline, detail = story.verdict(view)
+    groups = view.finding_groups()
+    return {
+        "view": view,
+        "report": report,
+        "headline": headline,
+        "detail": detail,
+        "comparisons": story.comparisons(view),
+        "rows": view.payload_rows(),
+        "colour": {p: svg.colour_class(i) for p, i in charts.colours(view).items()},
+        "layer": charts.colours(view),
+        "projects": [_project(view, s) for s in report["subprojects"]],
+        "groups": groups[:MOST_GROUPS],
+        "groups_more": len(groups) - len(groups[:MOST_GROUPS]),
+        "severities": [(s, sum(g.count for g in groups if g.severity == s)) for s in ("error", "warning", "info")],
+        "actions": {(a["profile"], a["flight"]): a for a in report["actions"]},
+        "payload_of": {p: i["id"] for i in report["payloads"] for p in i["profiles"]},
+        "excluded": story.excluded_groups(view),
+        "reason_words": _reason_words(view),
+        "tiles": _tiles(view),
+        "thresholds": _thresholds(report),
+    }
+
+
+def _project(view: View, project: Mapping[str, Any]) -> Dict[str, Any]:
+    found = project["alignment"] or {}
+    return {
+        **project,
+        "checks": story.alignment_checks(view, project),
+        "cross": story.cross_words(found, view.threshold.get("min_inliers", 30)),
+        "line": story.option_line(project["options"]),
+        "candidates": found.get("candidates", []),
+        "notes": found.get("notes", []),
+        "rung": found.get("rung"),
+    }
+
+
+def _tiles(view: View) -> List[Tuple[str, str]]:
+    """The few figures at the top."""
+    report = view.report
+    left = len(view.excluded())
+    return [
+        (f"{len(report['frames']):,}", "frames" if len(report["frames"]) != 1 else "frame"),
+        (f"{left:,}", "left out"),
+        (f"{len(report['profiles']):,}", "true cameras" if len(report["profiles"]) != 1 else "true camera"),
+        (f"{len(report['payloads']):,}", "payloads" if len(report["payloads"]) != 1 else "payload"),
+        (f"{len(report['subprojects']):,}", "projects" if len(report["subprojects"]) != 1 else "project"),
+    ]
+
+
+def _reason_words(view: View) -> Dict[str, str]:
+    """What a reason code means, in the words of the first finding that has it."""
+    words: Dict[str, str] = {}
+    for finding in view.report["findings"]:
+        words.setdefault(finding["code"], finding["message"])
+    return words
+
+
+def _thresholds(report: Mapping[str, Any]) -> List[Dict[str, Any]]:
+    """Changed ones first, each with its unit and reason."""
+    known = Thresholds.describe()
+    changed = report["thresholds"]["changed"]
+    rows = [
+        {
+            "name": name,
+            "value": value,
+            "default": known.get(name, {}).get("default"),
+            "unit": known.get(name, {}).get("unit", ""),
+            "why": known.get(name, {}).get("why", ""),
+            "changed": name in changed,
+        }
+        for name, value in report["thresholds"]["all"].items()
+    ]
+    return sorted(rows, key=lambda r: not r["changed"])
+
+
+def _drawings(view: View, jinja2: Any) -> Dict[str, Any]:
+    colour = charts.colours(view)
+    limit = view.threshold
+    projects = {}
+    for project in view.report["subprojects"]:
+        found = project["alignment"]
+        if not found:
+            continue
+        drawn = (
+            ("Matches between payloads", "Numbers are median verified matches per pair of frames; inside a circle, within that payload. "
+             f"Dashed: fewer than the {limit.get('min_inliers', 30):g} needed.",
+             charts.match_graph(found, limit.get("min_inliers", 30), colour)),
+            ("GPS fit by payload", "Dot: in the joint model. Ring: that payload alone. Bar: the limit. A dot far right of its ring "
+             "is an offset between payloads.", charts.gps_chart(found, colour)),
+            ("Camera positions against GPS", "Each dot is a frame, seen from above; the circle is the limit.",
+             charts.residual_chart(view, found, colour)),
+            ("Bowing", "Cross-section of the block's bend, exaggerated; inside the band it cannot be told from flat.",
+             charts.bowing_chart(found, limit.get("bowing_sigma", 3.0))),
+        )  # fmt: skip
+        projects[project["name"]] = [(t, c, _trusted(jinja2, d)) for t, c, d in drawn if d]
+    return {
+        "maps": [(_trusted(jinja2, m.drawing), m.caption) for m in survey_map.site_maps(view)],
+        "projects": projects,
+        "gsd": _trusted(jinja2, distributions.gsd_chart(view, colour)),
+        "focal": _trusted(jinja2, distributions.focal_chart(view, colour)),
+    }
+
+
+def _pictures(view: View, previews: Mapping[str, bytes]) -> List[Dict[str, Any]]:
+    """Before and after of changed frames, in the order of their paths."""
+    pictures: List[Dict[str, Any]] = []
+    for raw in sorted(set(previews)):
+        if not raw.startswith(f"{BEFORE}:") or len(pictures) >= MOST_PREVIEWS:
+            continue
+        path = raw[len(BEFORE) + 1 :]
+        frame = view.frames.get(path)
+        before, after = previews[raw], previews.get(preview_key(path, AFTER), b"")
+        if frame and after and _fits(before, after):
+            pictures.append({"frame": frame, "before": data_uri(before), "after": data_uri(after)})
+    return pictures
+
+
+def _fits(*images: bytes) -> bool:
+    return all(0 < len(i) <= MOST_BYTES and i[:2] == b"\xff\xd8" for i in images)
+
+
+def data_uri(jpeg: bytes) -> str:
+    """A JPEG as text for an ``img`` element."""
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode("ascii")

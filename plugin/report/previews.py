@@ -1,0 +1,145 @@
+"""Small before-and-after crops of changed frames, bounded in number, pixels and bytes."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+
+import numpy as np
+
+BEFORE, AFTER = "before", "after"
+MOST_PREVIEWS = 12
+MOST_BYTES = 160_000
+CROP_WIDTH, CROP_HEIGHT = 360, 270
+MOST_DECODED_PIXELS = 120_000_000
+JPEG_QUALITIES = (82, 60, 35)
+PathLike = Union[str, "Path"]
+
+
+def preview_key(path: str, which: str) -> str:
+    """The name under which ``html.render`` looks for a picture of the frame ``path``."""
+    return f"{which}:{path}"
+
+
+def chosen(report: Mapping[str, Any], most: int = MOST_PREVIEWS) -> List[str]:
+    """Frames worth a picture: the middle one of each profile and flight whose pixels changed."""
+    matched = {a["flight"] for a in report["actions"] if a["lut"] and a["lut"]["written"]}
+    flights: Dict[str, List[str]] = {}
+    for frame in report["frames"]:
+        change = frame.get("change")
+        if frame["output"] and change and (change["how"] == "resampled" or frame["flight"] in matched):
+            flights.setdefault(frame["flight"], []).append(frame["path"])
+    return [sorted(flights[f])[len(flights[f]) // 2] for f in sorted(flights)][:most]
+
+
+def collect(
+    report: Mapping[str, Any], original: Callable[[str], Optional[PathLike]], out: PathLike, most: int = MOST_PREVIEWS
+) -> Dict[str, bytes]:
+    """Crops of the same ground from the original and from the written copy.
+
+    ``original`` gives the file of a frame's ``path`` or ``None``; ``out`` is the
+    folder that ``output`` is relative to. A frame that cannot be shown is left
+    out without a word: a picture never stops a report.
+    """
+    frames = {f["path"]: f for f in report["frames"]}
+    found: Dict[str, bytes] = {}
+    for path in chosen(report, most):
+        source = original(path)
+        target = Path(out) / frames[path]["output"]
+        if source is None:
+            continue
+        pair = crop_pair(source, target)
+        if pair is not None:
+            found[preview_key(path, BEFORE)], found[preview_key(path, AFTER)] = pair
+    return found
+
+
+def crop_pair(before: PathLike, after: PathLike) -> Optional[Tuple[bytes, bytes]]:
+    """The middle of both images over the same ground, at the finer one's pixels; ``None`` when unreadable."""
+    sizes = [_size(before), _size(after)]
+    if sizes[0] is None or sizes[1] is None:
+        return None
+    (width, height), (out_width, out_height) = sizes[0], sizes[1]
+    finest = max(width, out_width)
+    share = (min(1.0, CROP_WIDTH / finest), min(1.0, CROP_HEIGHT / max(height, out_height)))
+    crops = [_middle(p, share) for p in (before, after)]
+    if crops[0] is None or crops[1] is None:
+        return None
+    stretch = _stretch(crops) if any(c.dtype != np.uint8 for c in crops if c is not None) else None
+    made = [_jpeg(c, stretch) for c in crops if c is not None]
+    return made[0], made[1]
+
+
+def thumbnail(path: PathLike, longest_px: int = CROP_WIDTH) -> Optional[bytes]:
+    """A whole frame, small, by reduced decoding; ``None`` when it cannot be read."""
+    from PIL import Image
+
+    if _size(path) is None:
+        return None
+    try:
+        with Image.open(path) as image:
+            image.draft("RGB", (longest_px, longest_px))
+            image.thumbnail((longest_px, longest_px))
+            pixels = np.asarray(image)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return None
+    return _jpeg(pixels, None if pixels.dtype == np.uint8 else _stretch([pixels]))
+
+
+def _size(path: PathLike) -> Optional[Tuple[int, int]]:
+    """Pixels from the header alone; ``None`` when unreadable or too large to decode here."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            width, height = image.size
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return None
+    return (width, height) if 0 < width * height <= MOST_DECODED_PIXELS else None
+
+
+def _middle(path: PathLike, share: Tuple[float, float]) -> Optional["np.ndarray[Any, Any]"]:
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            width, height = image.size
+            half = (max(1, round(width * share[0] / 2)), max(1, round(height * share[1] / 2)))
+            box = (width // 2 - half[0], height // 2 - half[1], width // 2 + half[0], height // 2 + half[1])
+            part = image.crop((max(0, box[0]), max(0, box[1]), min(width, box[2]), min(height, box[3])))
+            if part.mode in ("P", "CMYK", "YCbCr", "LAB", "RGBA", "LA", "1"):
+                part = part.convert("RGB")
+            return np.asarray(part)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return None
+
+
+def _stretch(crops: Sequence[Optional["np.ndarray[Any, Any]"]]) -> Tuple[float, float]:
+    """One range for both pictures of a pair, so that their brightness stays comparable."""
+    values = np.concatenate([np.asarray(c, np.float64).ravel() for c in crops if c is not None])
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return 0.0, 1.0
+    low, high = np.percentile(values, (1, 99))
+    return float(low), float(max(high, low + 1e-6))
+
+
+def _jpeg(pixels: "np.ndarray[Any, Any]", stretch: Optional[Tuple[float, float]]) -> bytes:
+    """Encode within ``MOST_BYTES``, at most ``CROP_WIDTH`` wide."""
+    from PIL import Image
+
+    if stretch is not None:
+        low, high = stretch
+        scaled = (np.nan_to_num(np.asarray(pixels, np.float64)) - low) / (high - low)
+        pixels = (np.clip(scaled, 0.0, 1.0) * 255.0).round().astype(np.uint8)
+    image = Image.fromarray(pixels).convert("RGB")
+    image.thumbnail((CROP_WIDTH, CROP_HEIGHT))
+    data = b""
+    for quality in JPEG_QUALITIES:
+        stream = io.BytesIO()
+        image.save(stream, "JPEG", quality=quality, optimize=True)
+        data = stream.getvalue()
+        if len(data) <= MOST_BYTES:
+            break
+    return data
