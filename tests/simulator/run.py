@@ -1,0 +1,270 @@
+"""Render a survey: worlds, frames, files, ground control, truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Callable, Dict, List, Optional, Tuple, Union
+
+import numpy as np
+
+from . import renderer
+from .camera import project
+from .dialects import BLACK_LEVEL, WRITERS, Claim
+from .filelies import KINDS
+from .geo import utm, utm_zone
+from .survey import MULTISPECTRAL, THERMAL, Payload, Scene, Shot, Survey, rng, scaled
+from .truth import TrueCamera, TrueFrame, TrueMark, TruePayload, TruePoint, TrueScene, Truth
+from .world import World
+
+IMAGES = "images"
+MARGIN_M = 4.0
+EDGE_PX = 8.0
+Progress = Callable[[int, int], None]
+
+
+def render(
+    story: Union[str, Survey],
+    out_dir: Union[str, Path],
+    seed: int = 0,
+    frames_scale: float = 1.0,
+    progress: Optional[Progress] = None,
+) -> Truth:
+    """Render a named story or a survey below ``out_dir``: ``images/``, ``gcp_list.txt``, ``truth.json``."""
+    from .stories import build
+
+    survey = scaled(build(story, seed) if isinstance(story, str) else story, frames_scale)
+    out = Path(out_dir)
+    images = out / IMAGES
+    images.mkdir(parents=True, exist_ok=True)
+    worlds = {scene.id: world_of(survey, scene, seed) for scene in survey.scenes}
+    frames: Dict[str, TrueFrame] = {}
+    order = {p.id: i for i, p in enumerate(survey.payloads)}
+    # By payload and lens, so that only one spectrum's textures are in memory at a time.
+    todo = sorted(survey.shots, key=lambda s: (s.scene, order[s.payload], s.band, s.path))
+    for done, shot in enumerate(todo):
+        payload = survey.payload(shot.payload)
+        world = worlds[shot.scene]
+        channels = payload.bands[shot.band].channels
+        world.keep_only(channels)
+        data, frame = render_shot(world, payload, shot, seed)
+        _write(images / shot.path, data)
+        frames[shot.path] = frame
+        if progress:
+            progress(done + 1, len(todo))
+    _tell_file_lies(survey, images, frames)
+    for path, content in sorted(survey.extra_files.items()):
+        _write(images / path, content)
+    points = _points(survey, worlds, frames)
+    gcp_file = None
+    if any(p.role == "gcp" for p in points):
+        gcp_file = "gcp_list.txt"
+        _write(out / gcp_file, gcp_text(points, survey.gcp_header).encode("utf-8"))
+    truth = Truth(
+        story=survey.name,
+        seed=seed,
+        images=IMAGES,
+        gcp_file=gcp_file,
+        scenes=tuple(_true_scene(worlds[s.id]) for s in survey.scenes),
+        payloads=tuple(_true_payload(p, frames) for p in survey.payloads),
+        points=tuple(points),
+        frames=tuple(frames[k] for k in sorted(frames)),
+        extra={**dict.fromkeys(sorted(survey.extra_files), "extra")},
+        folder=str(out),
+    )
+    _write(out / "truth.json", truth.dumps().encode("utf-8"))
+    return truth
+
+
+def _write(path: Path, data: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+
+
+def world_of(survey: Survey, scene: Scene, seed: int) -> World:
+    """The ground that the shots of a scene need, fine enough for the finest of them."""
+    west = south = math.inf
+    east = north = -math.inf
+    finest = math.inf
+    for shot in survey.shots:
+        if shot.scene != scene.id:
+            continue
+        camera = shot.optics(survey.payload(shot.payload))
+        off = math.radians(min(50.0, abs(90.0 + shot.pitch_deg)))
+        reach = math.hypot(0.5 / camera.focal_ratio, 0.5 * camera.height / camera.focal_px)
+        span = (shot.position[2] + 8.0 * scene.relief) * math.tan(min(1.2, off + math.atan(reach))) + MARGIN_M
+        west, east = min(west, shot.position[0] - span), max(east, shot.position[0] + span)
+        south, north = min(south, shot.position[1] - span), max(north, shot.position[1] + span)
+        if shot.role == "survey":
+            finest = min(finest, shot.position[2] / camera.focal_px)
+    points = [p for p in survey.points if p.scene == scene.id]
+    return World.make(scene, seed, (west, south, east, north), 0.75 * finest, points)
+
+
+def render_shot(world: World, payload: Payload, shot: Shot, seed: int) -> Tuple[bytes, TrueFrame]:
+    """The bytes of one frame's file and its truth."""
+    band, camera = payload.bands[shot.band], shot.optics(payload)
+    rotation, center = shot.rotation(payload), np.array(shot.position)
+    texture, z = renderer.sample(world, band.channels, camera, rotation, center)
+    gen = rng(seed, "noise", shot.path)
+    gain = payload.gain * shot.exposure
+    celsius = None
+    if payload.spectrum == THERMAL:
+        celsius = renderer.expose_thermal(
+            texture, gen, payload.noise_dn, payload.blur_px, 8.0 * math.log(shot.exposure)
+        )
+        pixels = renderer.palette(celsius, *payload.options["range_c"], payload.options["palette"])
+    elif payload.spectrum == MULTISPECTRAL:
+        pixels = renderer.expose_mono16(
+            texture, gen, gain, BLACK_LEVEL, payload.noise_dn, payload.blur_px, payload.vignette
+        )
+    else:
+        pixels = renderer.expose_rgb(
+            texture, gen, gain, payload.offset_dn, payload.noise_dn, payload.blur_px, payload.vignette
+        )
+    name = shot.path.rsplit("/", 1)[-1]
+    claim = Claim(payload, band, camera, shot.reported, name, 0, celsius)
+    mean_height = float(center[2] - z.mean())
+    latitude, longitude, altitude = world.scene.origin.to_geodetic(*shot.position)
+    frame = TrueFrame(
+        path=shot.path,
+        payload=payload.id,
+        profile=payload.profile(band),
+        spectrum=payload.spectrum,
+        band=band.name,
+        capture=shot.capture,
+        flight=shot.flight,
+        scene=shot.scene,
+        role=shot.role,
+        camera=TrueCamera(
+            camera.width,
+            camera.height,
+            camera.focal_ratio,
+            camera.center_px,
+            camera.distortion,
+            payload.sensor_width_mm,
+            camera.focal_ratio * payload.sensor_width_mm,
+        ),
+        center_m=shot.position,
+        rotation=tuple(tuple(float(v) for v in row) for row in rotation),
+        latitude=latitude,
+        longitude=longitude,
+        altitude_m=altitude,
+        height_m=float(center[2] - world.heights(center[0], center[1])),
+        mean_height_m=mean_height,
+        gsd_cm=100.0 * mean_height / camera.focal_px,
+        lies=shot.lies,
+    )
+    return WRITERS[payload.dialect](claim, pixels), frame
+
+
+def _tell_file_lies(survey: Survey, images: Path, frames: Dict[str, TrueFrame]) -> None:
+    for lie in survey.file_lies:
+        data = KINDS[lie.kind]((images / lie.path).read_bytes(), lie.arguments)
+        target = str(lie.arguments.get("to", lie.path))
+        _write(images / target, data)
+        before = frames[lie.path]
+        if lie.kind == "rename":
+            (images / lie.path).unlink()
+            del frames[lie.path]
+        frames[target] = replace(before, path=target, lies=(*before.lies, lie.kind))
+
+
+def _points(survey: Survey, worlds: Dict[str, World], frames: Dict[str, TrueFrame]) -> List[TruePoint]:
+    """Control points with their exact marks in every intact frame that sees them."""
+    shots = {s.path: s for s in survey.shots}
+    broken = {lie.path for lie in survey.file_lies if lie.kind not in ("copy", "rename")}
+    found = []
+    for point in survey.points:
+        world = worlds[point.scene]
+        up = float(world.heights(point.east, point.north))
+        xyz = np.array([point.east, point.north, up])
+        marks = []
+        for path in sorted(frames):
+            shot = shots.get(path)
+            if shot is None or shot.scene != point.scene or path in broken or shot.role != "survey":
+                continue
+            payload = survey.payload(shot.payload)
+            camera, center = shot.optics(payload), np.array(shot.position)
+            x, y = project(xyz, camera, shot.rotation(payload), center)[0]
+            inside = EDGE_PX <= x < camera.width - EDGE_PX and EDGE_PX <= y < camera.height - EDGE_PX
+            if inside and world.visible(xyz, center):
+                marks.append(TrueMark(path, float(x), float(y)))
+        latitude, longitude, altitude = world.scene.origin.to_geodetic(point.east, point.north, up)
+        found.append(
+            TruePoint(
+                point.id,
+                point.role,
+                point.scene,
+                point.east,
+                point.north,
+                up,
+                latitude,
+                longitude,
+                altitude,
+                tuple(marks),
+            )
+        )
+    return found
+
+
+def gcp_text(points: List[TruePoint], header: str) -> str:
+    """ODM's ``gcp_list.txt``: a line that names the system, then x y z pixel-x pixel-y image name.
+
+    ``header`` is ``utm`` (the words ODM reads), ``epsg`` or ``wgs84``. 0, 0 is
+    the centre of the first pixel, as OpenSfM takes it.
+    """
+    zone = utm_zone(points[0].longitude)
+    south = points[0].latitude < 0
+    titles = {
+        "utm": f"WGS84 UTM {zone}{'S' if south else 'N'}",
+        "epsg": f"EPSG:{(32700 if south else 32600) + zone}",
+        "wgs84": "EPSG:4326",
+    }
+    lines = [titles[header]]
+    for point in points:
+        if point.role != "gcp":
+            continue
+        if header == "wgs84":
+            x, y, digits = point.longitude, point.latitude, 9
+        else:
+            (x, y), digits = utm(point.latitude, point.longitude, zone), 4
+        for mark in point.marks:
+            name = mark.path.rsplit("/", 1)[-1]
+            place = f"{x:.{digits}f} {y:.{digits}f} {point.altitude_m:.4f}"
+            lines.append(f"{place} {mark.x_px:.3f} {mark.y_px:.3f} {name} {point.id}")
+    return "\n".join(lines) + "\n"
+
+
+def _true_scene(world: World) -> TrueScene:
+    scene, ground = world.scene, world.ground
+    rows, columns = ground.shape
+    t = ground.texel_m
+    return TrueScene(
+        id=scene.id,
+        key=scene.key,
+        latitude=scene.origin.latitude,
+        longitude=scene.origin.longitude,
+        altitude_m=scene.origin.altitude_m,
+        bounds_m=(world.west, world.north - rows * t, world.west + columns * t, world.north),
+        texel_m=t,
+        relief=scene.relief,
+        buildings=scene.buildings,
+        height_min_m=float(ground.height.min()),
+        height_max_m=float(ground.height.max()),
+    )
+
+
+def _true_payload(payload: Payload, frames: Dict[str, TrueFrame]) -> TruePayload:
+    own = [f for f in frames.values() if f.payload == payload.id]
+    return TruePayload(
+        id=payload.id,
+        make=payload.make,
+        model=payload.model,
+        spectrum=payload.spectrum,
+        profiles=tuple(sorted({f.profile for f in own})),
+        route=payload.route,
+        project=payload.project or payload.id,
+        frames=len(own),
+    )
