@@ -85,6 +85,12 @@ class Thresholds:
     height_sigma_gps_m: float = _number(5.0, "m", "spread of a plain GPS altitude")
     upsample_limit: float = _number(4.0, "ratio linear", "beyond this no detail is left that interpolation could serve")
     max_megapixels: float = _number(60.0, "MP", "largest frame that resampling writes")
+    max_input_megapixels: float = _number(
+        400.0, "MP", "a frame larger than this is not decoded: twice the largest aerial sensor, and its memory is bounded"
+    )
+    size_snap: float = _number(
+        0.025, "ratio", "one camera's resampled size this near to its other size becomes that size: half the GSD trigger"
+    )
     channel_offset_dn: float = _number(15.0, "DN of 255", "mean channel offset above which histograms are matched")
     lut_max_slope: float = _number(4.0, "DN per DN", "a steeper table amplifies noise and JPEG blocks")
     jpeg_quality: int = _number(95, "libjpeg quality", "re-encoding loss stays below sensor noise")
@@ -133,6 +139,7 @@ class Thresholds:
     # --- input bounds ------------------------------------------------------------
     max_xmp_bytes: int = _number(4 * 1024 * 1024, "bytes", "an XMP packet larger than this is not read")
     max_xmp_properties: int = _number(20000, "elements", "an XMP packet with more is no camera's and is not parsed")
+    parallel_read_files: int = _number(400, "files", "from here two processes read faster than they take to start")
     max_ifd_entries: int = _number(4096, "entries", "a directory with more is damaged")
 
     def replaced(self, changes: Mapping[str, Any]) -> "Thresholds":
