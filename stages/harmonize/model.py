@@ -23,8 +23,10 @@ class FlightAction:
 
     ``scale`` is linear, 1.0 leaves the pixels. ``write_lut`` is set where the
     table goes into what is written (8-bit RGB); otherwise it serves the
-    in-memory copies of the alignment only. ``focal_mm`` is the one focal tag
-    that the project's copies carry, ``None`` leaves the tags.
+    in-memory copies of the alignment only. ``focal_mm`` and ``focal_35mm`` are
+    the one focal tag that the project's copies carry (written where absent),
+    ``None`` leaves the tags. ``radiometric_none`` is set where resampling voids
+    black level, vignette or row gradient: the frames are no reflectance then.
     """
 
     profile: str
@@ -42,6 +44,7 @@ class FlightAction:
     focal_mm: Optional[float] = None
     focal_35mm: Optional[float] = None
     reasons: Tuple[str, ...] = ()
+    radiometric_none: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,11 @@ class HarmonizePlan:
 
 @dataclass(frozen=True)
 class HarmonizedFrame:
-    """One frame as it goes into a project. ``how`` is ``linked``, ``copied``, ``retagged`` or ``resampled``."""
+    """One frame as it goes into a project.
+
+    ``how`` is ``linked``, ``copied``, ``retagged`` (header only), ``matched``
+    (colours only, same size) or ``resampled``.
+    """
 
     path: str
     file: str
