@@ -57,8 +57,12 @@ def odm_make_model(frame: Frame) -> "tuple[str, str]":
     return (frame.make.strip() or frame.xmp_make).strip(), (frame.model.strip() or frame.xmp_model).strip()
 
 
-def _has_problem(frame: Frame, tag: str) -> bool:
-    return any(p.endswith(f":{tag}") for p in frame.problems)
+def _zero_denominator(frame: Frame, tag: str) -> bool:
+    return f"focal-plane-rational-zero:{tag}" in frame.problems
+
+
+def _not_positive(frame: Frame, tag: str) -> bool:
+    return f"exif-not-positive:{tag}" in frame.problems
 
 
 def _focal_plane_width_mm(frame: Frame, width: int, scale: float) -> Optional[float]:
@@ -71,18 +75,15 @@ def _focal_plane_width_mm(frame: Frame, width: int, scale: float) -> Optional[fl
     if mm_per_unit is None:
         return None
     pixels_per_unit = frame.focal_plane_x_res
-    if pixels_per_unit is None:
-        if _has_problem(frame, "FocalPlaneXResolution"):
-            raise ArithmeticError("FocalPlaneXResolution has a zero denominator")
-        return None
-    if pixels_per_unit <= 0:
-        if frame.focal_plane_y_res is not None:
-            pixels_per_unit = frame.focal_plane_y_res
-        elif _has_problem(frame, "FocalPlaneYResolution"):
+    if pixels_per_unit is None and _zero_denominator(frame, "FocalPlaneXResolution"):
+        raise ArithmeticError("FocalPlaneXResolution has a zero denominator")
+    if pixels_per_unit is None and _not_positive(frame, "FocalPlaneXResolution"):
+        if _zero_denominator(frame, "FocalPlaneYResolution"):
             raise ArithmeticError("FocalPlaneYResolution has a zero denominator")
-    pixels_per_unit *= scale
-    if pixels_per_unit <= 0:
+        pixels_per_unit = frame.focal_plane_y_res
+    if pixels_per_unit is None or pixels_per_unit <= 0:
         return None
+    pixels_per_unit *= scale
     # The order of the operations is ODM's: the id holds four decimals of the result.
     return width * (1 / pixels_per_unit) * mm_per_unit
 

@@ -103,7 +103,7 @@ def test_autofocus_jitter_makes_a_camera_of_every_step() -> None:
 
 @pytest.mark.parametrize("tag", ["FocalPlaneXResolution"])
 def test_a_zero_denominator_kills_odm_even_beside_a_good_35mm_focal(tag: str) -> None:
-    bad = frame(focal_35mm=24.0, focal_plane_unit=2, problems=(f"bad-rational:{tag}",))
+    bad = frame(focal_35mm=24.0, focal_plane_unit=2, problems=(f"focal-plane-rational-zero:{tag}",))
     focal = odm_focal_ratio(bad)
     assert focal.ratio is None
     assert focal.how == "crash"
@@ -111,13 +111,16 @@ def test_a_zero_denominator_kills_odm_even_beside_a_good_35mm_focal(tag: str) ->
 
 
 def test_without_a_unit_odm_does_not_look_at_the_resolution() -> None:
-    bad = frame(focal_35mm=24.0, focal_plane_unit=1, problems=("bad-rational:FocalPlaneXResolution",))
+    bad = frame(focal_35mm=24.0, focal_plane_unit=1, problems=("focal-plane-rational-zero:FocalPlaneXResolution",))
     assert odm_focal_ratio(bad).ratio == pytest.approx(24 / 36)
 
 
 def test_resolution_of_zero_takes_the_vertical_one() -> None:
     tags = {"make": "Z", "model": "Y", "focal_mm": 8.0, "focal_plane_unit": 3, "width": 4000}
-    assert odm_focal_ratio(frame(focal_plane_x_res=0.0, focal_plane_y_res=4000.0, **tags)).ratio == pytest.approx(0.8)
+    zero = ("exif-not-positive:FocalPlaneXResolution",)
+    assert odm_focal_ratio(frame(problems=zero, focal_plane_y_res=4000.0, **tags)).ratio == pytest.approx(0.8)
+    dead = (*zero, "focal-plane-rational-zero:FocalPlaneYResolution")
+    assert odm_focal_ratio(frame(problems=dead, **tags)).ratio is None
 
 
 def test_lens_name_in_xmp_stands_in_for_a_missing_focal() -> None:

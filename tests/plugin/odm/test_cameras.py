@@ -135,7 +135,7 @@ def test_an_id_that_hangs_on_odms_table_gets_no_entry() -> None:
 
 
 def test_a_frame_that_kills_odm_leaves_no_cover() -> None:
-    dead = shot("c.jpg", focal_plane_unit=2, problems=("bad-rational:FocalPlaneXResolution",))
+    dead = shot("c.jpg", focal_plane_unit=2, problems=("focal-plane-rational-zero:FocalPlaneXResolution",))
     plan = calibration_for(
         [ProjectFrame(shot(), "p"), ProjectFrame(dead, "p")], {"p": decided(distortion=NONE, lock=True)}
     )
