@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Optional, Tuple
 
+from ..harmonize.model import Lut
 from ..intrinsics import Intrinsics
 
 
@@ -20,7 +21,7 @@ class AlignFrame:
     name in the report. ``width`` and ``height`` are of ``file``. ``position``
     is latitude, longitude (degrees), altitude (m), or ``None``. ``sigma_m``
     is its GPS spread, horizontal and vertical. ``pitch_deg`` is -90 at nadir.
-    ``lut`` names channel tables (``Lut.id``) to apply to the in-memory copy.
+    ``lut`` names channel tables (``Lut.id`` in the request) to apply to the in-memory copy.
     """
 
     path: str
@@ -38,6 +39,7 @@ class AlignFrame:
     yaw_deg: Optional[float] = None
     pitch_deg: Optional[float] = None
     rtk: bool = False
+    lut: Optional[str] = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class AlignRequest:
     frames: Tuple[AlignFrame, ...]
     cameras: Tuple[AlignCamera, ...]
     gcps: Tuple[GcpMark, ...] = ()
+    luts: Tuple[Lut, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -149,7 +152,10 @@ class PayloadAlignment:
 
     ``together`` is its residual under the similarity fitted on the anchor
     payload, ``alone`` under its own. ``cross_inliers`` is the median of its
-    verified pairs with other payloads.
+    verified pairs with other payloads, ``strong_cross_pairs`` how many of them
+    hold the required inliers. ``verdict`` is ``pass``, ``fail`` or
+    ``unproven``. ``gps_offset_m`` (east, north, up) is set where the geometry
+    holds and the payload's positions are shifted against the anchor's.
     """
 
     payload: str
@@ -167,6 +173,8 @@ class PayloadAlignment:
     capture_gap_m: Optional[Tuple[float, float]] = None
     verdict: str = "unproven"
     reasons: Tuple[str, ...] = ()
+    strong_cross_pairs: int = 0
+    gps_offset_m: Optional[Tuple[float, float, float]] = None
 
 
 @dataclass(frozen=True)
@@ -182,7 +190,12 @@ class AlignedFrame:
 
 @dataclass(frozen=True)
 class AlignmentReport:
-    """What one alignment showed. ``rung`` is ``quick``, ``mixed``, ``pairwise`` or ``alone``."""
+    """What one alignment showed. ``rung`` is ``quick``, ``mixed``, ``pairwise`` or ``alone``.
+
+    ``areas`` counts the pieces of ground that by GPS cannot overlap: that many
+    components are no failure. ``verdict`` sums up the payloads': ``pass``,
+    ``fail`` or ``unproven``.
+    """
 
     name: str
     engine: str
@@ -202,3 +215,5 @@ class AlignmentReport:
     pairs_tried: int
     median_inliers: Optional[int]
     notes: Tuple[str, ...] = ()
+    areas: int = 1
+    verdict: str = "unproven"

@@ -1,0 +1,335 @@
+"""The pycolmap engine: features, matches, verified pairs, incremental models, bundle adjustments.
+
+Runs inside the worker process only. Works with pycolmap 3.13 to 4.2; where
+their names differ, the one that exists is used. Every random part gets the
+job's seed and a fixed order.
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Sequence, Tuple
+
+import numpy as np
+
+from .features import Features, all_descriptors, load_or_extract
+from .matching import Matches, alike_pairs, match, signatures, unit
+from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
+
+Step = Callable[[str, int, int], None]
+Pair = Tuple[int, int]
+
+
+def solve(job: Job, folder: Path, cache: Path, step: Step) -> Solution:
+    """Extract, match, verify and map; models are stored under ``folder``."""
+    import pycolmap
+
+    _quiet(pycolmap)
+    pycolmap.set_random_seed(job.settings.seed)
+    features, notes = load_or_extract(job, cache / "features", step)
+    pairs = sorted(set(job.pairs) | set(_retrieved(job, features)))
+    verified = _verify_all(pycolmap, job, features, pairs, step)
+    step("mapping", 0, 1)
+    models = _map(pycolmap, job, features, verified, folder)
+    step("mapping", 1, 1)
+    inliers = {pair: len(geometry.inlier_matches) for pair, geometry in verified.items()}
+    solution = _read_back(job, models, folder, inliers, pairs, notes)
+    return _with(solution, features=np.asarray([len(f.points) for f in features], dtype=np.int64))
+
+
+def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
+    """Adjust a copy of the stored models for each variant of the cameras, all from the same start."""
+    import pycolmap
+
+    _quiet(pycolmap)
+    results = []
+    for number, cameras in enumerate(task.variants, start=1):
+        models = [pycolmap.Reconstruction(str(path)) for path in _stored(Path(task.models))]
+        for model in models:
+            _adjust_model(pycolmap, model, cameras)
+        folder = Path(task.models).parent / f"{Path(task.models).name}-v{number:02d}"
+        results.append(_collect(task.job, cameras, models, folder))
+        step("calibration", number, len(task.variants))
+    return tuple(results)
+
+
+def _quiet(pycolmap: Any) -> None:
+    try:
+        pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
+    except AttributeError:
+        pycolmap.logging.minloglevel = 2
+
+
+def _with(solution: Solution, **changes: Any) -> Solution:
+    import dataclasses
+
+    return dataclasses.replace(solution, **changes)
+
+
+def _retrieved(job: Job, features: Sequence[Features]) -> List[Pair]:
+    if not job.retrieval:
+        return []
+    vectors = signatures(all_descriptors(features))
+    barred = {frozenset((a, b)) for group in job.apart for a in group for b in group}
+    known = set(job.pairs)
+    found: List[Pair] = []
+    for wish in job.retrieval:
+        asked = wish.count + len(known) if wish.count else 0
+        ranked = alike_pairs(vectors, wish.left, wish.right, asked, wish.per_frame)
+        fresh = [p for p in ranked if p not in known and frozenset(p) not in barred]
+        found.extend(fresh[: wish.count] if wish.count else fresh)
+    return found
+
+
+def _verify_all(
+    pycolmap: Any, job: Job, features: Sequence[Features], pairs: Sequence[Pair], step: Step
+) -> Dict[Pair, Any]:
+    units = [unit(f.descriptors) for f in features]
+    cameras = [_camera(pycolmap, index + 1, c) for index, c in enumerate(job.cameras)]
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = job.settings.seed
+    options.ransac.max_error = job.settings.verify_error_px
+    options.min_num_inliers = 15
+    options.compute_relative_pose = False
+
+    def work(pair: Pair) -> Any:
+        a, b = pair
+        matches: Matches = match(units[a], units[b], job.settings.max_ratio)
+        if len(matches) < options.min_num_inliers:
+            return None
+        return pycolmap.estimate_two_view_geometry(
+            cameras[job.frames[a].camera],
+            features[a].points,
+            cameras[job.frames[b].camera],
+            features[b].points,
+            matches,
+            options,
+        )
+
+    verified: Dict[Pair, Any] = {}
+    with ThreadPoolExecutor(max_workers=max(1, job.settings.threads)) as pool:
+        for done, (pair, geometry) in enumerate(zip(pairs, pool.map(work, pairs)), start=1):
+            if geometry is not None and len(geometry.inlier_matches) >= options.min_num_inliers:
+                verified[pair] = geometry
+            step("pairs", done, len(pairs))
+    return verified
+
+
+def _camera(pycolmap: Any, camera_id: int, setting: CameraSetting) -> Any:
+    """Return a COLMAP camera whose model has exactly the parameters that may move."""
+    f = setting.focal_px
+    cx, cy = setting.center_px
+    k1, k2, p1, p2, k3 = (*setting.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+    bent = any(abs(v) > 0.0 for v in (k1, k2, p1, p2, k3))
+    if not setting.solve_distortion and not bent:
+        model, params = "SIMPLE_PINHOLE", [f, cx, cy]
+    elif not setting.solve_distortion:
+        model, params = "FULL_OPENCV", [f, f, cx, cy, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
+    else:
+        model, params = "RADIAL", [f, cx, cy, k1, k2]
+    camera = pycolmap.Camera(
+        camera_id=camera_id, model=model, width=setting.width, height=setting.height, params=params
+    )
+    camera.has_prior_focal_length = setting.prior
+    return camera
+
+
+def _read_camera(setting: CameraSetting, camera: Any) -> CameraSetting:
+    import dataclasses
+
+    values = [float(v) for v in camera.params]
+    side = float(max(setting.width, setting.height))
+    name = camera.model_name if hasattr(camera, "model_name") else camera.model.name
+    if name == "SIMPLE_PINHOLE":
+        bend = (0.0, 0.0, 0.0, 0.0, 0.0)
+    elif name == "RADIAL":
+        bend = (values[3], values[4], 0.0, 0.0, 0.0)
+    else:
+        bend = (values[4], values[5], values[6], values[7], values[8])
+    return dataclasses.replace(setting, focal_ratio=values[0] / side, distortion=bend)
+
+
+def _map(pycolmap: Any, job: Job, features: Sequence[Features], verified: Dict[Pair, Any], folder: Path) -> List[Any]:
+    folder.mkdir(parents=True, exist_ok=True)
+    database = folder / "database.db"
+    if database.exists():
+        database.unlink()
+    _fill(pycolmap, database, job, features, verified)
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = 1
+    options.random_seed = job.settings.seed
+    options.mapper.random_seed = job.settings.seed
+    options.mapper.num_threads = 1
+    options.triangulation.random_seed = job.settings.seed
+    options.min_model_size = job.settings.min_model_frames
+    options.extract_colors = False
+    options.mapper.filter_max_reproj_error = job.settings.filter_max_reproj_error_px
+    options.ba_refine_principal_point = False
+    options.constant_cameras = {i + 1 for i, c in enumerate(job.cameras) if c.held}
+    for name in ("structure_less_registration_fallback",):
+        if hasattr(options, name):
+            # It places frames without a triangulated point: such a pose proves nothing.
+            setattr(options, name, False)
+    arguments: Dict[str, Any] = {}
+    if job.start is not None:
+        options.fix_existing_frames = True
+        arguments["input_path"] = str(_stored(Path(job.start))[0])
+    output = folder / "mapper"
+    output.mkdir(exist_ok=True)
+    found = pycolmap.incremental_mapping(str(database), str(folder), str(output), options=options, **arguments)
+    models = [found[key] for key in sorted(found)]
+    database.unlink()
+    return models
+
+
+def _fill(pycolmap: Any, path: Path, job: Job, features: Sequence[Features], verified: Dict[Pair, Any]) -> None:
+    opened = pycolmap.Database.open(str(path))
+    try:
+        for index, setting in enumerate(job.cameras):
+            camera = _camera(pycolmap, index + 1, setting)
+            opened.write_camera(camera, use_camera_id=True)
+            rig = pycolmap.Rig(rig_id=index + 1)
+            rig.add_ref_sensor(camera.sensor_id)
+            opened.write_rig(rig, use_rig_id=True)
+        for index, frame in enumerate(job.frames):
+            image = pycolmap.Image(name=f"{index:06d}", camera_id=frame.camera + 1, image_id=index + 1)
+            image.frame_id = index + 1
+            shot = pycolmap.Frame()
+            shot.frame_id = index + 1
+            shot.rig_id = frame.camera + 1
+            shot.add_data_id(image.data_id)
+            opened.write_frame(shot, use_frame_id=True)
+            opened.write_image(image, use_image_id=True)
+            opened.write_keypoints(index + 1, features[index].points.astype(np.float32))
+        for (a, b), geometry in sorted(verified.items()):
+            opened.write_matches(a + 1, b + 1, np.asarray(geometry.inlier_matches, dtype=np.uint32))
+            opened.write_two_view_geometry(a + 1, b + 1, geometry)
+    finally:
+        opened.close()
+
+
+def _read_back(
+    job: Job,
+    models: Sequence[Any],
+    folder: Path,
+    inliers: Dict[Pair, int],
+    pairs: Sequence[Pair],
+    notes: Tuple[str, ...],
+) -> Solution:
+    ranked = sorted(models, key=lambda m: (-m.num_reg_images(), -m.num_points3D(), min(m.reg_image_ids(), default=0)))
+    solution = _collect(job, job.cameras, ranked, folder / "models")
+    rows = [(a, b, inliers.get((a, b), 0)) for a, b in pairs]
+    return _with(
+        solution, pairs=np.asarray(rows, dtype=np.int64).reshape(-1, 3), notes=notes, stored=str(folder / "models")
+    )
+
+
+def _stored(folder: Path) -> List[Path]:
+    return sorted(p for p in folder.iterdir() if p.is_dir())
+
+
+def _collect(job: Job, cameras: Sequence[CameraSetting], models: Sequence[Any], folder: Path) -> Solution:
+    """Read models into arrays and store them; a frame in two models counts in the larger one."""
+    count = len(job.frames)
+    placed = np.full(count, UNPLACED, dtype=np.int64)
+    center = np.full((count, 3), np.nan)
+    rotation = np.full((count, 3, 3), np.nan)
+    error = np.full(count, np.nan)
+    seen = np.zeros(count, dtype=np.int64)
+    xyz: List[Array] = []
+    owner: List[int] = []
+    ids: List[int] = []
+    solved = list(cameras)
+    told: set[int] = set()
+    kept = 0
+    for model in models:
+        rows = [i - 1 for i in sorted(model.reg_image_ids()) if placed[i - 1] == UNPLACED]
+        if len(rows) < job.settings.min_model_frames:
+            continue
+        target = folder / f"{kept:03d}"
+        target.mkdir(parents=True, exist_ok=True)
+        model.write(str(target))
+        for row in rows:
+            image = model.images[row + 1]
+            pose = image.cam_from_world
+            pose = pose() if callable(pose) else pose
+            placed[row] = kept
+            rotation[row] = pose.rotation.matrix()
+            center[row] = -rotation[row].T @ np.asarray(pose.translation)
+            errors = _errors(model, image)
+            seen[row] = len(errors)
+            error[row] = float(np.mean(errors)) if len(errors) else math.nan
+        for index in sorted({job.frames[r].camera for r in rows}):
+            if index not in told and (index + 1) in model.cameras:
+                solved[index] = _read_camera(cameras[index], model.cameras[index + 1])
+                told.add(index)
+        for point_id in sorted(model.points3D):
+            point = model.points3D[point_id]
+            xyz.append(np.asarray(point.xyz))
+            owner.append(kept)
+            ids.append(int(point_id))
+        kept += 1
+    return Solution(
+        cameras=tuple(solved),
+        model=placed,
+        center=center,
+        rotation=rotation,
+        error_px=error,
+        observations=seen,
+        point_xyz=np.asarray(xyz, dtype=float).reshape(-1, 3),
+        point_model=np.asarray(owner, dtype=np.int64),
+        point_id=np.asarray(ids, dtype=np.int64),
+        pairs=np.zeros((0, 3), dtype=np.int64),
+        focal_sigma=np.full(len(cameras), np.nan),
+        stored=str(folder),
+    )
+
+
+def _errors(model: Any, image: Any) -> Array:
+    observed, points = [], []
+    for point in image.points2D:
+        if point.has_point3D():
+            observed.append(point.xy)
+            points.append(model.points3D[point.point3D_id].xyz)
+    if not observed:
+        return np.zeros(0)
+    pose = image.cam_from_world
+    pose = pose() if callable(pose) else pose
+    camera = model.cameras[image.camera_id]
+    local = np.asarray(points) @ pose.rotation.matrix().T + np.asarray(pose.translation)
+    ahead = local[:, 2] > 1e-9
+    seen = np.asarray(camera.img_from_cam(local[ahead]))
+    offset = seen - np.asarray(observed)[ahead]
+    return np.asarray(np.hypot(offset[:, 0], offset[:, 1]))
+
+
+def _adjust_model(pycolmap: Any, model: Any, cameras: Sequence[CameraSetting]) -> None:
+    moving = []
+    for camera_id in sorted(model.cameras):
+        setting = cameras[camera_id - 1]
+        fresh = _camera(pycolmap, camera_id, setting)
+        camera = model.cameras[camera_id]
+        camera.model = fresh.model
+        camera.params = fresh.params
+        if not setting.held:
+            moving.append(setting)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_focal_length = any(s.solve_focal for s in moving)
+    options.refine_extra_params = any(s.solve_distortion for s in moving)
+    options.refine_principal_point = False
+    options.print_summary = False
+    solver = (options.ceres if hasattr(options, "ceres") else options).solver_options
+    solver.num_threads = 1
+    solver.max_num_iterations = 60
+    solver.function_tolerance = 1e-6
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in sorted(model.reg_image_ids()):
+        config.add_image(image_id)
+    for camera_id in sorted(model.cameras):
+        if cameras[camera_id - 1].held:
+            config.set_constant_cam_intrinsics(camera_id)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    model.update_point_3d_errors()

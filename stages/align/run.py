@@ -1,0 +1,205 @@
+"""One alignment from request to report: the edges around the pure parts."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ..errors import UsageError
+from ..progress import Cancel, Progress, check
+from ..record import dumps
+from ..thresholds import Thresholds
+from . import worker
+from .judge import judge, overall
+from .measure import Measured, measure
+from .model import (
+    AlignedFrame,
+    AlignmentReport,
+    AlignRequest,
+    Bowing,
+    Candidate,
+    GpsFit,
+    PairInliers,
+    SolvedCamera,
+)
+from .pairs import PairPlan, plan_pairs
+from .prepare import build_job, focal_over_side, rung_max_dim, sorted_request
+from .solution import UNPLACED, Job, Retrieval, Solution
+from .world import Ground, ground_of
+
+ENGINES = ("pycolmap", "colmap")
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """A report with what it was made from, for the next rung."""
+
+    report: AlignmentReport
+    request: AlignRequest
+    job: Job
+    solution: Solution
+    measured: Measured
+    plan: PairPlan
+
+
+def align_once(
+    request: AlignRequest,
+    workspace: Path,
+    *,
+    thresholds: Thresholds,
+    engine: str = "pycolmap",
+    rung: str = "quick",
+    max_dim: Optional[int] = None,
+    progress: Optional[Progress] = None,
+    cancel: Optional[Cancel] = None,
+    lock: bool = False,
+    extra: Sequence[Retrieval] = (),
+    start: Optional[Aligned] = None,
+) -> Aligned:
+    """Run one alignment; ``extra`` are pairs to find by likeness, ``start`` a model to extend."""
+    if engine not in ENGINES:
+        raise UsageError(f"There is no engine {engine!r}; known: {', '.join(ENGINES)}.")
+    check(cancel)
+    request = sorted_request(request)
+    if not request.frames:
+        raise UsageError(f"{request.name}: there is no frame to align.")
+    side = max_dim or rung_max_dim(rung, thresholds)
+    ground = ground_of(request.frames, thresholds)
+    plan = plan_pairs(request.frames, request.cameras, thresholds)
+    job = build_job(request, plan, rung, side, _threads(), thresholds, extra)
+    folder = workspace / _folder(request, rung, side, engine, extra, start)
+    solution = worker.solve(job, engine, folder, workspace, progress, cancel)
+    candidates: Tuple[Candidate, ...] = ()
+    measured = measure(request.frames, solution, ground, plan.areas, thresholds)
+    report = assemble_report(request, rung, engine, job, solution, measured, ground, candidates, thresholds)
+    return Aligned(report, request, job, solution, measured, plan)
+
+
+def _threads() -> int:
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return max(1, min(8, count or 1))
+
+
+def _folder(
+    request: AlignRequest,
+    rung: str,
+    side: int,
+    engine: str,
+    extra: Sequence[Retrieval],
+    start: Optional[Aligned],
+) -> str:
+    said = dumps([[f.path for f in request.frames], rung, side, engine, extra, start and start.solution.stored])
+    return f"{rung}-{hashlib.sha256(said.encode('utf-8')).hexdigest()[:12]}"
+
+
+def assemble_report(
+    request: AlignRequest,
+    rung: str,
+    engine: str,
+    job: Job,
+    solution: Solution,
+    measured: Measured,
+    ground: Ground,
+    candidates: Tuple[Candidate, ...],
+    limits: Thresholds,
+) -> AlignmentReport:
+    """Put figures and verdicts into the report (pure)."""
+    payloads = judge(measured, limits)
+    placed = solution.model != UNPLACED
+    weight = solution.observations[placed].astype(float)
+    error = None
+    if weight.sum() > 0:
+        error = round(float(np.average(np.nan_to_num(solution.error_px[placed]), weights=weight)), 4)
+    good = solution.pairs[solution.pairs[:, 2] > 0]
+    anchor = next((p for p in payloads if p.payload == measured.anchor), None)
+    frames: List[AlignedFrame] = []
+    for index, frame in enumerate(request.frames):
+        miss = measured.centers[index] - ground.east_north_up[index]
+        known = bool(np.isfinite(miss).all())
+        frames.append(
+            AlignedFrame(
+                path=frame.path,
+                registered=bool(placed[index]),
+                component=int(solution.model[index]) if placed[index] else None,
+                mean_reproj_error_px=_number(solution.error_px[index], 4),
+                gps_residual_m=(
+                    (round(float(miss[0]), 3), round(float(miss[1]), 3), round(float(miss[2]), 3)) if known else None
+                ),
+            )
+        )
+    return AlignmentReport(
+        name=request.name,
+        engine=engine,
+        rung=rung,
+        frames=tuple(frames),
+        registered=int(placed.sum()),
+        components=measured.components,
+        mean_reproj_error_px=error,
+        anchor=measured.anchor,
+        gps=anchor.together if anchor else GpsFit(0),
+        height_m=anchor.height_m if anchor else None,
+        bowing=anchor.bowing if anchor else Bowing(),
+        payloads=payloads,
+        cameras=solved_cameras(request, job, solution),
+        candidates=candidates,
+        pairs=tuple(
+            sorted(
+                (
+                    PairInliers(*sorted((request.frames[a].path, request.frames[b].path)), n)
+                    for a, b, n in good.tolist()
+                ),
+                key=lambda p: (p.a, p.b),
+            )
+        ),
+        pairs_tried=len(solution.pairs),
+        median_inliers=int(np.median(good[:, 2])) if len(good) else None,
+        notes=solution.notes,
+        areas=measured.areas,
+        verdict=overall(payloads),
+    )
+
+
+def _number(value: float, digits: int) -> Optional[float]:
+    return round(float(value), digits) if np.isfinite(value) else None
+
+
+def solved_cameras(request: AlignRequest, job: Job, solution: Solution) -> Tuple[SolvedCamera, ...]:
+    """Each profile's camera as solved, from the size that has most placed frames."""
+    count = [0] * len(solution.cameras)
+    for index, frame in enumerate(job.frames):
+        count[frame.camera] += solution.model[index] != UNPLACED
+    result: List[SolvedCamera] = []
+    for profile in sorted({c.profile for c in request.cameras}):
+        options = [i for i, c in enumerate(request.cameras) if c.profile == profile]
+        best = min(options, key=lambda i: (-count[i], i))
+        camera = solution.cameras[best]
+        rows = np.asarray(
+            [i for i, f in enumerate(job.frames) if f.camera in options and solution.model[i] != UNPLACED], dtype=int
+        )
+        weight = solution.observations[rows].astype(float)
+        error = float(np.average(solution.error_px[rows], weights=weight)) if weight.sum() > 0 else float("nan")
+        prior = focal_over_side(request.cameras[best])
+        result.append(
+            SolvedCamera(
+                profile=profile,
+                focal_ratio=round(camera.focal_ratio, 6),
+                center_ratio=camera.center_ratio,
+                distortion=tuple(round(v, 6) for v in camera.distortion),
+                held=camera.held,
+                frames=len(rows),
+                mean_reproj_error_px=_number(error, 4),
+                focal_sigma=_number(float(solution.focal_sigma[best]), 6),
+                prior_change=round(camera.focal_ratio / prior - 1.0, 5) if prior else None,
+            )
+        )
+    return tuple(result)
+
+
+def with_report(aligned: Aligned, report: AlignmentReport) -> Aligned:
+    """Return ``aligned`` under another report."""
+    return replace(aligned, report=report)

@@ -1,0 +1,163 @@
+"""A solution laid over the ground: one similarity per model, and who anchors it.
+
+The anchor payload alone carries the similarity, so that a payload whose shape
+or place is wrong cannot pull the frame of reference towards itself.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..thresholds import Thresholds
+from .enu import local_frame
+from .fit import Similarity, collinear, robust_similarity
+from .model import AlignFrame
+from .solution import UNPLACED, Array, Solution
+
+Rows = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Measured places of the frames: ``east_north_up`` (N, 3), NaN without position; spreads in metres.
+
+    ``vertical`` (N,) says whose altitude is a measurement.
+    """
+
+    east_north_up: Array
+    sigma: Array
+    vertical: npt.NDArray[np.bool_]
+
+    @property
+    def known(self) -> npt.NDArray[np.bool_]:
+        """Frames with a position."""
+        return np.isfinite(self.east_north_up[:, 0])
+
+
+def ground_of(frames: Sequence[AlignFrame], limits: Thresholds) -> Ground:
+    """Lay the measured positions on a local metric frame.
+
+    A flight whose altitudes are all exactly zero has none: cameras without an
+    altimeter write that.
+    """
+    places = np.full((len(frames), 3), np.nan)
+    rows = [i for i, f in enumerate(frames) if f.position is not None]
+    if rows:
+        places[rows] = local_frame([p for p in (f.position for f in frames) if p is not None])
+    sigma = np.asarray([f.sigma_m or _default_sigma(limits) for f in frames], dtype=float).reshape(-1, 2)
+    altitude: Dict[str, List[float]] = defaultdict(list)
+    for frame in frames:
+        if frame.position is not None:
+            altitude[frame.flight].append(frame.position[2])
+    flat = {flight for flight, values in altitude.items() if all(v == 0.0 for v in values)}
+    vertical = np.asarray([f.position is not None and f.flight not in flat for f in frames], dtype=bool)
+    return Ground(places, sigma, vertical)
+
+
+def _default_sigma(limits: Thresholds) -> Tuple[float, float]:
+    return limits.gps_sigma_horizontal_m, limits.gps_sigma_vertical_m
+
+
+def choose_anchor(frames: Sequence[AlignFrame], solution: Solution, ground: Ground) -> Optional[str]:
+    """Return the payload that the others are judged against.
+
+    RTK before plain GPS, then the one with most frames in the largest model,
+    then by name; ``None`` when no placed frame has a position.
+    """
+    score: Dict[str, List[float]] = defaultdict(lambda: [0.0, 0.0, 0.0])
+    for index, frame in enumerate(frames):
+        if solution.model[index] == UNPLACED or not ground.known[index]:
+            continue
+        entry = score[frame.payload]
+        entry[0] += frame.rtk
+        entry[1] += solution.model[index] == 0
+        entry[2] += 1
+    if not score:
+        return None
+
+    def rank(name: str) -> Tuple[bool, float, float, str]:
+        rtk, main, count = score[name]
+        return (2 * rtk <= count, -main, -count, name)
+
+    return min(score, key=rank)
+
+
+def fit_rows(solution: Solution, ground: Ground, rows: Rows) -> Optional[Similarity]:
+    """Similarity of one model's frames ``rows`` to their measured places."""
+    rows = rows[ground.known[rows]]
+    if len(rows) < 3:
+        return None
+    spread = float(np.median(np.hypot(ground.sigma[rows, 0], ground.sigma[rows, 1])))
+    return robust_similarity(solution.center[rows], ground.east_north_up[rows], spread)
+
+
+def rows_of(frames: Sequence[AlignFrame], solution: Solution, model: int, payload: Optional[str] = None) -> Rows:
+    """Indices of the frames of one model, of one payload where given."""
+    return np.asarray(
+        [i for i, f in enumerate(frames) if solution.model[i] == model and (payload is None or f.payload == payload)],
+        dtype=np.int64,
+    )
+
+
+def lay_models(
+    frames: Sequence[AlignFrame], solution: Solution, ground: Ground, anchor: Optional[str], limits: Thresholds
+) -> Tuple[Tuple[Optional[Similarity], str], ...]:
+    """Return each model's similarity and the payload that carried it.
+
+    The anchor carries it where it has enough centres off one line there, else
+    the payload with most such frames, else all frames together (then ``""``).
+    """
+    laid: List[Tuple[Optional[Similarity], str]] = []
+    for model in range(solution.models):
+        inside = rows_of(frames, solution, model)
+        counts: Dict[str, int] = defaultdict(int)
+        for row in inside:
+            counts[frames[row].payload] += 1
+        order = sorted(counts, key=lambda p: (p != anchor, -counts[p], p))
+        chosen: Tuple[Optional[Similarity], str] = (None, "")
+        for payload in order:
+            rows = rows_of(frames, solution, model, payload)
+            rows = rows[ground.known[rows]]
+            enough = len(rows) >= limits.min_proof_frames
+            if enough and not collinear(ground.east_north_up[rows], limits.collinear_ratio):
+                fit = fit_rows(solution, ground, rows)
+                if fit is not None:
+                    chosen = (fit, payload)
+                    break
+        if chosen[0] is None:
+            chosen = (fit_rows(solution, ground, inside), "")
+        laid.append(chosen)
+    return tuple(laid)
+
+
+def laid_centers(solution: Solution, laid: Sequence[Tuple[Optional[Similarity], str]]) -> Array:
+    """Return every placed frame's centre in world metres, NaN where it has none."""
+    result = np.full_like(solution.center, np.nan)
+    for model, (fit, _) in enumerate(laid):
+        rows = np.nonzero(solution.model == model)[0]
+        if fit is not None and len(rows):
+            result[rows] = fit.points(solution.center[rows])
+    return result
+
+
+def laid_points(solution: Solution, laid: Sequence[Tuple[Optional[Similarity], str]], model: int) -> Array:
+    """Return one model's points in world metres, empty where the model is not laid."""
+    fit = laid[model][0]
+    if fit is None:
+        return np.zeros((0, 3))
+    return fit.points(solution.point_xyz[solution.point_model == model])
+
+
+def looks_down(solution: Solution, laid: Sequence[Tuple[Optional[Similarity], str]], rows: Rows) -> Optional[float]:
+    """Share of the frames whose view points below the horizon once laid; ``None`` without any."""
+    found = []
+    for row in rows:
+        fit = laid[int(solution.model[row])][0] if solution.model[row] >= 0 else None
+        if fit is not None:
+            found.append(bool(fit.directions(solution.rotation[row][2:3])[0, 2] < 0))
+    return float(np.mean(found)) if found else None
