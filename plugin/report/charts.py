@@ -77,11 +77,11 @@ def gps_chart(found: Mapping[str, Any], colour: Colours) -> str:
     top = max(values) * 1.08 or 1.0
     place = lambda v: left + (right - left) * v / top  # noqa: E731
     body: List[str] = []
-    y = 8.0
+    y = -4.0
     words = []
     for name, word, together, alone, limit in rows:
         if word == "level":
-            y += 15
+            y += 20
             body.append(svg.text(2, y, svg.shortened(name, 40), "label"))
         y += step
         css = svg.colour_class(colour.get(name, 7))

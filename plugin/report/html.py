@@ -22,7 +22,7 @@ ROUTE_ADVICE = {
     "proceed": "Reconstructed on a trial alignment: queue it.",
     "pairwise": "Joined step by step; queue it and look at the seams between payloads.",
     "isolate": "Does not fit the others and runs on its own. Put the products on one grid afterwards with sensorgate fuse.",
-    "unproven": "Nothing proves yet that it reconstructs. submit leaves it out unless you say --include-unproven.",
+    "unproven": "Nothing proves yet that it reconstructs. It is submitted only when unproven projects are asked for.",
 }
 
 
@@ -103,7 +103,7 @@ def _project(view: View, project: Mapping[str, Any]) -> Dict[str, Any]:
         **project,
         "checks": story.alignment_checks(view, project),
         "cross": story.cross_words(found, view.threshold.get("min_inliers", 30)),
-        "line": story.option_line(project["options"]),
+        "words": story.option_words(project["options"]),
         "candidates": found.get("candidates", []),
         "notes": found.get("notes", []),
         "rung": found.get("rung"),

@@ -293,7 +293,7 @@ def excluded_groups(view: View) -> List[Tuple[str, List[str]]]:
     return sorted(groups.items(), key=lambda item: (-len(item[1]), item[0]))
 
 
-def option_line(options: Sequence[Mapping[str, Any]]) -> str:
+def option_words(options: Sequence[Mapping[str, Any]]) -> List[str]:
     """The options as they are typed behind ODM's own command."""
     words = []
     for option in options:
@@ -302,7 +302,7 @@ def option_line(options: Sequence[Mapping[str, Any]]) -> str:
             words.append(f"--{option['name']}")
         elif value is not False:
             words.append(f"--{option['name']} {_quoted(str(value))}")
-    return " ".join(words)
+    return words
 
 
 def _quoted(text: str) -> str:

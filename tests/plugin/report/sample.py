@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import random
 from typing import Any, Dict, List, Optional, Tuple
 
 from sensorgate.stages.thresholds import DEFAULTS
@@ -116,7 +117,7 @@ PROFILES = (
 # payload, primary profile, profiles, flights: (count share, west, south, width, depth, height, sub-project)
 PLAN: Tuple[Tuple[str, str, Tuple[str, ...], Tuple[Tuple[float, float, float, float, float, float], ...], str], ...] = (
     ("phantom-4-pro", "rgb", ("dji-fc6310-rgb",), ((1.0, 0, 0, 420, 260, 118), (0.6, 200, 40, 360, 220, 119)), "rgb"),
-    ("mavic-2-pro", "rgb", ("hasselblad-l1d-20c-rgb",), ((0.9, 60, 30, 380, 240, 71),), "rgb"),
+    ("mavic-2-pro", "rgb", ("hasselblad-l1d-20c-rgb",), ((0.9, 60, 30, 380, 240, 90),), "rgb"),
     ("phantom-3", "rgb", ("dji-fc300x-rgb",), ((0.5, 430, 150, 240, 200, 95),), "rgb-phantom-3"),
     (
         "rededge", "multispectral",
@@ -200,7 +201,8 @@ def _candidate(prof: str, name: str, source: str, distortion: str, ratio: float,
 
 def _alignment(frames: List[Json], payloads: List[Json], pairs: List[Json], lost: int, **more: Any) -> Json:
     registered = [f for i, f in enumerate(frames) if i >= lost]
-    spread = more.get("spread", 1.4)
+    spread = more.get("spread", 1.2)
+    noise = random.Random(7)
     return {
         "registered": len(registered), "frames": len(frames), "components": more.get("components", 1),
         "mean_reproj_error_px": more.get("error", 0.86), "gps_rmse_m": more.get("rmse", 2.3),
@@ -211,9 +213,9 @@ def _alignment(frames: List[Json], payloads: List[Json], pairs: List[Json], lost
         "median_inliers": more.get("inliers", 312), "payloads": payloads, "pairs": pairs,
         "candidates": more.get("candidates", []),
         "residuals": [
-            {"path": f["path"], "east_m": spread * math.sin(i * 1.3), "north_m": spread * math.cos(i * 2.9),
-             "up_m": spread * math.sin(i * 0.7 + 1)}
-            for i, f in enumerate(registered)
+            {"path": f["path"], "east_m": noise.gauss(0.0, spread), "north_m": noise.gauss(0.3, spread),
+             "up_m": noise.gauss(0.0, spread)}
+            for f in registered
         ],
         "unregistered": [f["path"] for f in frames[:lost]], "notes": [],
     }  # fmt: skip
@@ -271,12 +273,11 @@ def sample(per_flight: int = 60) -> Json:
     broken.update(path="survey/phantom-3/F1/DJI_0999.JPG", role="broken", reason="truncated-file", intrinsics_notes=[])
     frames.append(broken)
 
-    target = {"rgb": 1.28}
+    scales = {"phantom-4-pro": 1.53}
     for frame in frames:
         if frame["subproject"] is None:
             continue
-        scale = round(frame["gsd_cm"] / target["rgb"], 3) if frame["payload"] == "phantom-4-pro" else 1.0
-        scale = {"phantom-4-pro": 2.52}.get(frame["payload"], 1.0)
+        scale = scales.get(frame["payload"], 1.0)
         retag = frame["payload"] == "mavic-2-pro"
         frame["output"] = f"projects/{frame['subproject']}/images/{frame['payload']}-{frame['path'].rsplit('/', 1)[1]}"
         frame["gsd_after_cm"] = round(frame["gsd_cm"] / scale, 3)
@@ -314,7 +315,7 @@ def sample(per_flight: int = 60) -> Json:
                     _payload_fit("phantom-4-pro", len(p4), len(p4) - 2, _fit(len(p4), 1.6, 1.7), _fit(len(p4), 1.5, 1.5),
                                  _bow(0.05, 0.03, 240.0), height=118.4, flown=118.0, cross_pairs=214, cross_inliers=187),
                     _payload_fit("mavic-2-pro", len(mavic), len(mavic), _fit(len(mavic), 2.2, 2.9), _fit(len(mavic), 1.8, 2.0),
-                                 _bow(0.08, 0.05, 210.0), height=71.6, flown=71.0, cross_pairs=214, cross_inliers=187),
+                                 _bow(0.08, 0.05, 210.0), height=90.6, flown=90.0, cross_pairs=214, cross_inliers=187),
                 ],
                 [
                     {"a": "mavic-2-pro", "b": "mavic-2-pro", "pairs": 402, "inliers_median": 355},
@@ -333,7 +334,7 @@ def sample(per_flight: int = 60) -> Json:
             ),
             "gcp": {"points": 6, "images": 41},
             "calibration": [
-                {"profile": "dji-fc6310-rgb", "camera_id": "dji fc6310 13789 9193 brown 0.6666", "focal_ratio": 0.66667,
+                {"profile": "dji-fc6310-rgb", "camera_id": "dji fc6310 8372 5581 brown 0.6666", "focal_ratio": 0.66667,
                  "source": "sheet", "held": True, "reason": "Bows least and hits the flown height."},
                 {"profile": "hasselblad-l1d-20c-rgb", "camera_id": "hasselblad l1d-20c 5472 3648 brown 0.7772",
                  "focal_ratio": 0.77727, "source": "xmp-calibrated", "held": True, "reason": "Calibrated by the maker, in the file."},
@@ -353,7 +354,7 @@ def sample(per_flight: int = 60) -> Json:
                               _bow(0.61, 0.09, 130.0), height=96.8, flown=95.0, error=1.31)],
                 [{"a": "phantom-3", "b": "phantom-3", "pairs": 143, "inliers_median": 121},
                  {"a": "phantom-3", "b": "phantom-4-pro", "pairs": 3, "inliers_median": 11}],
-                1, error=1.31, rmse=4.6, horizontal=2.4, vertical=3.9, bowing=0.61, se=0.09, inliers=121, rung="alone", spread=2.6,
+                1, error=1.31, rmse=4.6, horizontal=2.4, vertical=3.9, bowing=0.61, se=0.09, inliers=121, rung="alone", spread=1.9,
             ),
             "gcp": None,
             "calibration": [{"profile": "dji-fc300x-rgb", "camera_id": "dji fc300x 4000 3000 brown 0.5850", "focal_ratio": 0.5912,
@@ -371,7 +372,7 @@ def sample(per_flight: int = 60) -> Json:
                 green, [_payload_fit("rededge", len(green), len(green), _fit(len(green), 1.1, 1.4), _fit(len(green), 1.1, 1.4),
                                      _bow(-0.02, 0.04, 220.0), height=80.9, flown=80.0, error=0.62)],
                 [{"a": "rededge", "b": "rededge", "pairs": 381, "inliers_median": 266}], 0,
-                error=0.62, rmse=1.8, horizontal=1.1, vertical=1.4, bowing=-0.02, se=0.04, inliers=266, spread=1.0,
+                error=0.62, rmse=1.8, horizontal=1.1, vertical=1.4, bowing=-0.02, se=0.04, inliers=266, spread=0.8,
             ),
             "gcp": None, "calibration": [],
         },
@@ -397,8 +398,8 @@ def sample(per_flight: int = 60) -> Json:
         _finding("gps-zero", "warning", [far["path"]], "The position is 0, 0: the camera had no fix yet.",
                  "Give its position in a geo.txt with --geo, or leave it out."),
         _finding("gsd-mismatch", "warning", ["phantom-4-pro", "mavic-2-pro"],
-                 "Ground resolution differs 2.5-fold: 3.23 cm (phantom-4-pro) against 1.28 cm (mavic-2-pro).",
-                 "The coarser frames were resampled to 1.28 cm. Matching gains; no detail is added.", measured=2.52, threshold=1.05),
+                 "Ground resolution differs 1.5-fold: 3.23 cm (phantom-4-pro) against 2.12 cm (mavic-2-pro).",
+                 "The coarser frames were resampled to 2.12 cm. Matching gains; no detail is added.", measured=1.53, threshold=1.05),
         _finding("silent-default-focal", "warning", ["dji-xt2-thermal"],
                  "ODM finds no focal length for DJI XT2 and silently takes 0.85 of the width; the true ratio is 1.195.",
                  "The thermal project has a cameras file with the sheet's value.", measured=0.85, threshold=1.195),
@@ -414,7 +415,7 @@ def sample(per_flight: int = 60) -> Json:
     actions = []
     for flight in flights:
         prof = profiles[flight["profile"]]
-        scale = 2.52 if prof["id"] == "dji-fc6310-rgb" else 1.0
+        scale = 1.53 if prof["id"] == "dji-fc6310-rgb" else 1.0
         second = flight["id"].endswith("flight-2")
         actions.append({
             "profile": prof["id"], "flight": flight["id"], "frames": len(flight["frames"]), "gsd_before_cm": flight["gsd_cm"],
@@ -423,7 +424,7 @@ def sample(per_flight: int = 60) -> Json:
             "focal_mm": 8.8 if scale != 1.0 else None,
             "lut": {"id": f"{flight['id']}-lut", "offset_dn": [-21.4, -18.0, -12.3], "reference": "dji-fc6310-rgb-flight-1",
                     "written": True, "frames_sampled": 12} if second else None,
-            "reasons": ["3.23 cm against 1.28 cm of the finest payload: resampled 2.52-fold."] if scale != 1.0 else [],
+            "reasons": ["3.23 cm against 2.12 cm of the finest payload: resampled 1.53-fold."] if scale != 1.0 else [],
         })  # fmt: skip
     return {
         "schema_version": "1.0",
