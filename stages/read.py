@@ -19,7 +19,7 @@ from .frame import BrokenFrame, FileCalibration, Frame
 from .headers.assemble import frame_from
 from .headers.source import FileSource, HeaderSource, RecordingSource
 from .progress import Cancel, Progress, check
-from .thresholds import DEFAULTS
+from .thresholds import DEFAULTS, Thresholds
 
 IMAGE_EXTENSIONS = frozenset((".jpg", ".jpeg", ".jpe", ".tif", ".tiff", ".dng"))
 RAW_EXTENSIONS = frozenset((".arw", ".cr2", ".cr3", ".nef", ".orf", ".pef", ".raf", ".raw", ".rw2", ".srw"))
@@ -56,7 +56,7 @@ class Scan:
     ignored: Dict[str, int] = field(default_factory=dict)
 
 
-def read_frame(file: Union[str, Path], path: Optional[str] = None) -> Frame:
+def read_frame(file: Union[str, Path], path: Optional[str] = None, limits: Thresholds = DEFAULTS) -> Frame:
     """Read one image's metadata without decoding a pixel.
 
     ``path`` is what the report calls it (default: ``file``). ``FrameError``
@@ -64,17 +64,17 @@ def read_frame(file: Union[str, Path], path: Optional[str] = None) -> Frame:
     ``damaged-header`` or ``truncated-image``.
     """
     with FileSource(file) as source:
-        return frame_from(source, _slashes(str(file)) if path is None else path)
+        return frame_from(source, _slashes(str(file)) if path is None else path, limits)
 
 
-def frame_from_header(path: str, ranges: Mapping[int, bytes], size_bytes: int) -> Frame:
+def frame_from_header(path: str, ranges: Mapping[int, bytes], size_bytes: int, limits: Thresholds = DEFAULTS) -> Frame:
     """Read the metadata from header bytes alone.
 
     ``ranges`` maps file offsets to bytes, ``size_bytes`` is the whole file's
     size. Errors as ``read_frame``, and ``HeaderIncomplete`` (a ``FrameError``
     with ``offset`` and ``length``) where bytes are needed that were not sent.
     """
-    return frame_from(HeaderSource(ranges, size_bytes), path)
+    return frame_from(HeaderSource(ranges, size_bytes), path, limits)
 
 
 def header_ranges(file: Union[str, Path]) -> List[Tuple[int, int]]:
@@ -84,7 +84,13 @@ def header_ranges(file: Union[str, Path]) -> List[Tuple[int, int]]:
         return source.merged(_JOIN_GAP_BYTES)
 
 
-def scan(paths: Sequence[str], *, progress: Optional[Progress] = None, cancel: Optional[Cancel] = None) -> Scan:
+def scan(
+    paths: Sequence[str],
+    *,
+    progress: Optional[Progress] = None,
+    cancel: Optional[Cancel] = None,
+    limits: Thresholds = DEFAULTS,
+) -> Scan:
     """Read every image below ``paths`` (files and folders).
 
     Symbolic links are followed, each real file is read once, under the first
@@ -106,7 +112,7 @@ def scan(paths: Sequence[str], *, progress: Optional[Progress] = None, cancel: O
                 seen.add(real)
                 files.append((file, shown))
     files.sort(key=lambda f: f[1])
-    results = _read_all(files, progress, cancel)
+    results = _read_all(files, progress, cancel, limits)
     frames = [r for r in results if isinstance(r, Frame)]
     broken = [r for r in results if isinstance(r, BrokenFrame)]
     return Scan(tuple(frames), tuple(broken), ignored)
@@ -165,7 +171,7 @@ def _is_image(name: str, ignored: Dict[str, int]) -> bool:
     return False
 
 
-def _read_one(file: str, shown: str) -> Result:
+def _read_one(file: str, shown: str, limits: Thresholds) -> Result:
     """Read a frame, or say why not; whatever a header holds, the job goes on."""
     try:
         shown.encode("utf-8")
@@ -173,7 +179,7 @@ def _read_one(file: str, shown: str) -> Result:
         plain = shown.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
         return BrokenFrame(plain, _size(file), "unreadable-file", "The file's name is not valid text; rename the file.")
     try:
-        return read_frame(file, shown)
+        return read_frame(file, shown, limits)
     except FrameError as error:
         return BrokenFrame(shown, _size(file), error.code, error.message)
     except Exception as error:  # a fault of ours must not stop the other frames
@@ -193,15 +199,17 @@ def _size(file: str) -> int:
         return 0
 
 
-def _read_all(files: Sequence[Tuple[str, str]], progress: Optional[Progress], cancel: Optional[Cancel]) -> List[Result]:
-    if len(files) > DEFAULTS.parallel_read_files and sys.executable:
-        return _read_parallel(files, progress, cancel)
+def _read_all(
+    files: Sequence[Tuple[str, str]], progress: Optional[Progress], cancel: Optional[Cancel], limits: Thresholds
+) -> List[Result]:
+    if len(files) > limits.parallel_read_files and sys.executable:
+        return _read_parallel(files, progress, cancel, limits)
     results: List[Result] = []
     for number, (file, shown) in enumerate(files):
         if number % _STEP == 0:
             check(cancel)
             _tell(progress, number, len(files))
-        results.append(_read_one(file, shown))
+        results.append(_read_one(file, shown, limits))
     _tell(progress, len(files), len(files))
     return results
 
@@ -212,12 +220,12 @@ def _tell(progress: Optional[Progress], done: int, total: int) -> None:
 
 
 def _read_parallel(
-    files: Sequence[Tuple[str, str]], progress: Optional[Progress], cancel: Optional[Cancel]
+    files: Sequence[Tuple[str, str]], progress: Optional[Progress], cancel: Optional[Cancel], limits: Thresholds
 ) -> List[Result]:
     """Read with workers, each its share in order; what a worker that ended early left over is read here."""
     results: List[Optional[Result]] = [None] * len(files)
     answers: "queue.Queue[Tuple[int, Optional[str]]]" = queue.Queue()
-    workers = [_start(files[share::_WORKERS], share, answers) for share in range(_WORKERS)]
+    workers = [_start(files[share::_WORKERS], share, answers, limits) for share in range(_WORKERS)]
     done = [0] * _WORKERS
     running = {share for share, worker in enumerate(workers) if worker is not None}
     try:
@@ -242,13 +250,13 @@ def _read_parallel(
     for index, (file, shown) in enumerate(files):
         if results[index] is None:
             check(cancel)
-            results[index] = _read_one(file, shown)
+            results[index] = _read_one(file, shown, limits)
     _tell(progress, len(files), len(files))
     return [r for r in results if r is not None]
 
 
 def _start(
-    files: Sequence[Tuple[str, str]], share: int, answers: "queue.Queue[Tuple[int, Optional[str]]]"
+    files: Sequence[Tuple[str, str]], share: int, answers: "queue.Queue[Tuple[int, Optional[str]]]", limits: Thresholds
 ) -> "Optional[subprocess.Popen[bytes]]":
     command = [sys.executable, "-c", _WORKER, os.path.dirname(os.path.abspath(__file__))]
     try:
@@ -260,7 +268,7 @@ def _start(
         assert worker.stdin is not None and worker.stdout is not None
         try:
             with worker.stdin as stream:
-                stream.write(json.dumps(files).encode("ascii"))
+                stream.write(json.dumps([dataclasses.asdict(limits), files]).encode("ascii"))
             for line in worker.stdout:
                 if line.endswith(b"\n"):
                     answers.put((share, line.decode("ascii")))
@@ -275,11 +283,12 @@ def _start(
 
 
 def serve(asked: IO[str], answered: IO[str]) -> None:
-    """The worker: a JSON list of (file, path) in, lines of JSON lists of packed results out."""
+    """The worker: thresholds and a list of (file, path) in, lines of lists of packed results out, as JSON."""
     batch: List[Any] = []
-    files = json.load(asked)
+    values, files = json.load(asked)
+    limits = Thresholds(**values)
     for number, (file, shown) in enumerate(files, 1):
-        batch.append(_pack(_read_one(file, shown)))
+        batch.append(_pack(_read_one(file, shown, limits)))
         if len(batch) == _STEP or number == len(files):
             answered.write(json.dumps(batch) + "\n")
             answered.flush()

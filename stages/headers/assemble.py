@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import List, Optional, Tuple
 
 from ..errors import FrameError
 from ..frame import Frame
-from ..thresholds import DEFAULTS
+from ..thresholds import DEFAULTS, Thresholds
 from . import calibration, exif, jpeg, position, tiff, xmp
 from .source import BeyondEnd, ByteSource
 from .values import Numbers, iso_time
 
+_MAX_PACKETS = 8
 _OTHER_FORMATS = (
     (b"\x89PNG", "a PNG picture"),
     (b"GIF8", "a GIF picture"),
@@ -39,7 +41,23 @@ _RADIOMETRY_TAGS = (
 )  # fmt: skip
 
 
-def frame_from(source: ByteSource, path: str) -> Frame:
+@dataclass(frozen=True)
+class _Picture:
+    """What the container itself says of the picture; the fields are those of ``Frame``."""
+
+    path: str
+    size_bytes: int
+    format: str
+    width: int
+    height: int
+    bits: int
+    channels: int
+    sample_format: str = "uint"
+    pages: int = 1
+    thermal_payload: str = ""
+
+
+def frame_from(source: ByteSource, path: str, limits: Thresholds = DEFAULTS) -> Frame:
     """Read the metadata of one image.
 
     ``FrameError`` ``not-an-image``, ``damaged-header`` or ``truncated-image``;
@@ -48,9 +66,9 @@ def frame_from(source: ByteSource, path: str) -> Frame:
     start = source.peek(0, min(16, source.size))
     try:
         if start.startswith(b"\xff\xd8\xff"):
-            return _jpeg_frame(source, path)
+            return _jpeg_frame(source, path, limits)
         if start[:4] in (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+"):
-            return _tiff_frame(source, path)
+            return _tiff_frame(source, path, limits)
     except BeyondEnd:
         raise FrameError("truncated-image", "The file ends inside its header: it was not copied whole.") from None
     raise FrameError("not-an-image", f"The file holds {_what(start)}, not a JPEG, TIFF or DNG picture.")
@@ -65,51 +83,50 @@ def _what(start: bytes) -> str:
     return "something else"
 
 
-def _jpeg_frame(source: ByteSource, path: str) -> Frame:
+def _jpeg_frame(source: ByteSource, path: str, limits: Thresholds) -> Frame:
     layout = jpeg.walk(source)
     jpeg.check_end(source, layout)
     problems = list(layout.problems)
     stream: Optional[tiff.Stream] = None
     if layout.exif is not None:
         try:
-            stream = tiff.open_stream(source, *layout.exif)
+            stream = tiff.open_stream(source, *layout.exif, limits.max_ifd_entries)
         except tiff.Damaged as damage:
             problems.append(f"exif-damaged:IFD0, {damage}")
     block = exif.read_block(stream, None, problems)
-    packets = [source.read(offset, length) for offset, length in layout.xmp if length > 0]
-    if not packets:
-        packets = _packet_of(block.image, problems)
-    properties = xmp.parse(packets)
-    _add_extended(source, layout, packets, properties)
-    return _frame(
-        block, properties, problems,
-        path=path, size_bytes=source.size, format="jpeg", width=layout.width, height=layout.height,
-        bits=layout.bits, channels=layout.channels, sample_format="uint", pages=1,
-        thermal=_thermal_payload(layout, problems),
-    )  # fmt: skip
+    packets = [source.read(offset, length) for offset, length in layout.xmp[:_MAX_PACKETS] if length > 0]
+    packets = packets or _packet_of(block.image, limits, problems)
+    properties = _with_extended(source, layout, packets, xmp.parse(packets, limits), limits)
+    picture = _Picture(
+        path=path,
+        size_bytes=source.size,
+        format="jpeg",
+        width=layout.width,
+        height=layout.height,
+        bits=layout.bits,
+        channels=layout.channels,
+        thermal_payload=_thermal_payload(layout, problems),
+    )
+    return _frame(picture, block, properties, limits, problems)
 
 
-def _add_extended(source: ByteSource, layout: jpeg.JpegLayout, packets: List[bytes], properties: xmp.Xmp) -> None:
+def _with_extended(
+    source: ByteSource, layout: jpeg.JpegLayout, packets: List[bytes], properties: xmp.Xmp, limits: Thresholds
+) -> xmp.Xmp:
     guid = properties.text("xmpNote:HasExtendedXMP")
     if not guid or not layout.extended:
-        return
-    data = jpeg.extended_xmp(source, layout, guid.encode("ascii", "replace"), DEFAULTS.max_xmp_bytes)
+        return properties
+    data = jpeg.extended_xmp(source, layout, guid.encode("ascii", "replace"), limits.max_xmp_bytes)
     if data is None:
         properties.problems.append("xmp-extended-incomplete:not all parts are there")
-        return
-    merged = xmp.parse([*packets, data])
-    main_blocks = properties.blocks
-    properties.values, properties.namespaces = merged.values, merged.namespaces
-    properties.problems += [
-        p for p in merged.problems if p not in properties.problems and not p.startswith("xmp-multiple-descriptions")
-    ]
-    properties.blocks = main_blocks
+        return properties
+    return xmp.parse([*packets, data], limits)
 
 
-def _tiff_frame(source: ByteSource, path: str) -> Frame:
+def _tiff_frame(source: ByteSource, path: str, limits: Thresholds) -> Frame:
     problems: List[str] = []
     try:
-        stream = tiff.open_stream(source, 0, source.size)
+        stream = tiff.open_stream(source, 0, source.size, limits.max_ifd_entries)
     except tiff.Damaged as damage:
         raise FrameError("damaged-header", f"The TIFF header is damaged: {damage}.") from None
     pages, first = tiff.pages(stream, exif.IMAGE_TAGS)
@@ -118,21 +135,27 @@ def _tiff_frame(source: ByteSource, path: str) -> Frame:
     fields = dict(page.fields)
     fields.update(first)
     block = exif.read_block(stream, fields, problems)
-    raw = exif.DNG_VERSION in first or path.lower().endswith(".dng")
-    return _frame(
-        block, xmp.parse(_packet_of(block.image, problems)), problems,
-        path=path, size_bytes=source.size, format="dng" if raw else "tiff", width=page.width, height=page.height,
-        bits=page.bits, channels=page.channels, sample_format=page.sample_format,
-        pages=max(1, sum(not p.reduced for p in pages)), thermal="",
-    )  # fmt: skip
+    properties = xmp.parse(_packet_of(block.image, limits, problems), limits)
+    picture = _Picture(
+        path=path,
+        size_bytes=source.size,
+        format="dng" if exif.DNG_VERSION in first or path.lower().endswith(".dng") else "tiff",
+        width=page.width,
+        height=page.height,
+        bits=page.bits,
+        channels=page.channels,
+        sample_format=page.sample_format,
+        pages=max(1, sum(not p.reduced for p in pages)),
+    )
+    return _frame(picture, block, properties, limits, problems)
 
 
-def _packet_of(image: exif.Tags, problems: List[str]) -> List[bytes]:
+def _packet_of(image: exif.Tags, limits: Thresholds, problems: List[str]) -> List[bytes]:
     value = image.fields.get(exif.XMP_PACKET)
     if value is None or image.stream is None:
         return []
     try:
-        return [tiff.raw_bytes(image.stream, value, DEFAULTS.max_xmp_bytes)]
+        return [tiff.raw_bytes(image.stream, value, limits.max_xmp_bytes)]
     except tiff.Damaged as damage:
         problems.append(f"xmp-malformed:{damage}")
         return []
@@ -183,9 +206,8 @@ def _triple(values: Tuple[float, ...]) -> Optional[Tuple[float, float, float]]:
 
 
 def _frame(
-    block: exif.ExifBlock, properties: xmp.Xmp, problems: List[str], *, path: str, size_bytes: int, format: str,
-    width: int, height: int, bits: int, channels: int, sample_format: str, pages: int, thermal: str,
-) -> Frame:  # fmt: skip
+    picture: _Picture, block: exif.ExifBlock, properties: xmp.Xmp, limits: Thresholds, problems: List[str]
+) -> Frame:
     image, tags = block.image, block.exif
     numbers = Numbers(properties, problems)
     text = properties.text
@@ -206,18 +228,18 @@ def _frame(
     panel = (numbers.one("Camera:CalibrationPicture", "MicaSense:CalibrationPicture") or 0.0) > 0
     whole = _triple(numbers.several("Camera:RigRelatives"))
     calibrated = calibration.from_xmp(
-        properties, (width, height), (exif_width, exif_height), focal_mm, per_mm, problems
+        properties, (picture.width, picture.height), (exif_width, exif_height), focal_mm, per_mm, limits, problems
     )
     return Frame(
-        path=path,
-        size_bytes=size_bytes,
-        format=format,
-        width=width,
-        height=height,
-        bits=bits,
-        channels=channels,
-        sample_format=sample_format,
-        pages=pages,
+        path=picture.path,
+        size_bytes=picture.size_bytes,
+        format=picture.format,
+        width=picture.width,
+        height=picture.height,
+        bits=picture.bits,
+        channels=picture.channels,
+        sample_format=picture.sample_format,
+        pages=picture.pages,
         orientation=image.integer(exif.ORIENTATION),
         make=image.text(exif.MAKE) or xmp_make,
         model=image.text(exif.MODEL) or image.text(exif.UNIQUE_MODEL) or xmp_model,
@@ -262,7 +284,7 @@ def _frame(
         rig_name=exif.clean_text(text("Camera:RigName")),
         rig_index=numbers.whole("Camera:RigCameraIndex", "drone-dji:SensorIndex"),
         rotation_deg=whole,
-        thermal_payload=thermal,
+        thermal_payload=picture.thermal_payload,
         radiometry=tuple(sorted(radiometry)),
         panel=panel or any(text(tag) for tag in _PANEL_TAGS),
         has_makernote=exif.MAKER_NOTE in tags,

@@ -13,14 +13,43 @@ the left or upper edge of the first pixel.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import List, Optional, Tuple
 
 from ..frame import FileCalibration
-from ..thresholds import DEFAULTS
+from ..thresholds import Thresholds
 from .values import Numbers, to_number
 from .xmp import Xmp
 
 UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """The frame that a calibration is wanted for; ``resized`` is its scale against what the camera wrote."""
+
+    xmp: Xmp
+    numbers: Numbers
+    size: Tuple[int, int]
+    resized: float
+    focal_mm: Optional[float]
+    pixels_per_mm: Optional[Tuple[float, float]]
+    limits: Thresholds
+    problems: List[str]
+
+    def inside(self, center: Tuple[float, float]) -> Optional[Tuple[float, float]]:
+        """A principal point outside of the middle half of the frame belongs to another picture size."""
+        if all(0.25 * s <= c <= 0.75 * s for c, s in zip(center, self.size)):
+            return center
+        self.problems.append("calibration-center-outside:principal point")
+        return None
+
+    def pixels(self, focal: float, name: str) -> Optional[float]:
+        """A focal length that can be one in pixels of this frame, else ``None`` and a note."""
+        if focal >= self.limits.focal_px_min_ratio * self.size[0]:
+            return focal
+        self.problems.append(f"calibration-focal-impossible:{name}")
+        return None
 
 
 def from_xmp(
@@ -29,6 +58,7 @@ def from_xmp(
     written_size: Tuple[Optional[int], Optional[int]],
     focal_mm: Optional[float],
     pixels_per_mm: Optional[Tuple[float, float]],
+    limits: Thresholds,
     problems: List[str],
 ) -> Optional[FileCalibration]:
     """The best calibration of a file.
@@ -36,52 +66,29 @@ def from_xmp(
     ``size`` is the frame as stored, ``written_size`` as the camera wrote it
     (Exif), ``pixels_per_mm`` from the focal-plane tags.
     """
-    numbers = Numbers(xmp, problems)
-    scale = _resized(size, written_size)
-    return (
-        _camera(xmp, numbers, size, scale, focal_mm, pixels_per_mm, problems)
-        or _dewarp(xmp, numbers, size, scale, problems)
-        or _calibrated(numbers, size, scale, problems)
-    )
+    resized = _resized(size, written_size, limits.aspect_tolerance)
+    asked = _Asked(xmp, Numbers(xmp, problems), size, resized, focal_mm, pixels_per_mm, limits, problems)
+    return _camera(asked) or _dewarp(asked) or _calibrated(asked)
 
 
-def _resized(size: Tuple[int, int], written: Tuple[Optional[int], Optional[int]]) -> float:
+def _resized(size: Tuple[int, int], written: Tuple[Optional[int], Optional[int]], tolerance: float) -> float:
     """How much smaller the frame is than the camera wrote it; 1 where the shape says it was cropped instead."""
-    if not written[0] or not written[1]:
+    if not written[0] or not written[1] or written[0] < 0 or written[1] < 0:
         return 1.0
     across, down = size[0] / written[0], size[1] / written[1]
-    return across if abs(across / down - 1.0) <= DEFAULTS.aspect_tolerance else 1.0
+    return across if abs(across / down - 1.0) <= tolerance else 1.0
 
 
-def _inside(
-    center: Optional[Tuple[float, float]], size: Tuple[int, int], problems: List[str]
-) -> Optional[Tuple[float, float]]:
-    """A principal point in the outer quarter of the frame belongs to another picture size."""
-    if center is None:
-        return None
-    if all(0.25 * s <= c <= 0.75 * s for c, s in zip(center, size)):
-        return center
-    problems.append("calibration-center-outside:principal point")
-    return None
-
-
-def _camera(
-    xmp: Xmp,
-    numbers: Numbers,
-    size: Tuple[int, int],
-    scale: float,
-    focal_mm: Optional[float],
-    pixels_per_mm: Optional[Tuple[float, float]],
-    problems: List[str],
-) -> Optional[FileCalibration]:
+def _camera(asked: _Asked) -> Optional[FileCalibration]:
+    numbers, scale = asked.numbers, asked.resized
     point = numbers.several("Camera:PrincipalPoint")
     center = None
-    if len(point) == 2 and pixels_per_mm is not None:
-        center = _inside((point[0] * pixels_per_mm[0] * scale, point[1] * pixels_per_mm[1] * scale), size, problems)
+    if len(point) == 2 and asked.pixels_per_mm is not None:
+        center = asked.inside((point[0] * asked.pixels_per_mm[0] * scale, point[1] * asked.pixels_per_mm[1] * scale))
     affine = numbers.several("Camera:FisheyeAffineMatrix")
     polynomial = numbers.several("Camera:FisheyePolynomial")
     if len(affine) == 4 and len(polynomial) >= 2 and affine[0] > 0 and polynomial[1] > 0:
-        # angle of 90 degrees is 1 on the polynomial's axis, so near the axis x = C * p1 * 2/pi * angle
+        # An angle of 90 degrees is 1 on the polynomial's axis, so near the axis x = C * p1 * 2/pi * angle.
         return FileCalibration(
             source="xmp-camera",
             projection="fisheye",
@@ -93,7 +100,7 @@ def _camera(
     focal = numbers.one("Camera:PerspectiveFocalLength")
     if focal is None or focal <= 0:
         return None
-    in_pixels = _in_pixels(xmp, focal, size[0], focal_mm)
+    in_pixels = _in_pixels(asked, focal)
     r = numbers.several("Camera:PerspectiveDistortion")
     return FileCalibration(
         source="xmp-camera",
@@ -104,61 +111,55 @@ def _camera(
     )
 
 
-def _in_pixels(xmp: Xmp, focal: float, width: int, focal_mm: Optional[float]) -> bool:
-    unit = xmp.text("Camera:PerspectiveFocalLengthUnits", "Camera:PerspectiveFocalLengthUnit").lower()
+def _in_pixels(asked: _Asked, focal: float) -> bool:
+    unit = asked.xmp.text("Camera:PerspectiveFocalLengthUnits", "Camera:PerspectiveFocalLengthUnit").lower()
     if unit:
         return unit.startswith("p")
-    if focal_mm is not None and 0.5 <= focal / focal_mm <= 2.0:
+    if asked.focal_mm is not None and 0.5 <= focal / asked.focal_mm <= 2.0:
         return False
-    return focal >= DEFAULTS.focal_px_min_ratio * width
+    return focal >= asked.limits.focal_px_min_ratio * asked.size[0]
 
 
-def _full_scale(numbers: Numbers, size: Tuple[int, int], scale: float) -> Tuple[float, Optional[Tuple[float, float]]]:
-    """Pixels of the frame per pixel of the calibrated sensor, and the calibrated centre.
+def _scale_of_sensor(asked: _Asked) -> float:
+    """Pixels of the frame per pixel of the calibrated sensor.
 
     The calibrated optical centre is the middle of the full sensor, so twice it
-    is the size that the calibration holds for: a smaller frame of the same
-    height or width is a crop, of neither is a reduced one.
+    is the size that the calibration holds for: a frame as high or as wide as
+    that is a crop, one that is neither is reduced.
     """
-    x = numbers.one("drone-dji:CalibratedOpticalCenterX")
-    y = numbers.one("drone-dji:CalibratedOpticalCenterY")
+    x = asked.numbers.one("drone-dji:CalibratedOpticalCenterX")
+    y = asked.numbers.one("drone-dji:CalibratedOpticalCenterY")
     if x is None or y is None or x <= 0 or y <= 0:
-        return scale, None
-    ratio = max(size[0] / (2.0 * x), size[1] / (2.0 * y))
-    return (1.0 if abs(ratio - 1.0) < 0.02 else ratio), (x, y)
+        return asked.resized
+    ratio = max(asked.size[0] / (2.0 * x), asked.size[1] / (2.0 * y))
+    return 1.0 if abs(ratio - 1.0) < 0.02 else ratio
 
 
-def _dewarp(
-    xmp: Xmp, numbers: Numbers, size: Tuple[int, int], scale: float, problems: List[str]
-) -> Optional[FileCalibration]:
-    text = xmp.text("drone-dji:DewarpData")
+def _dewarp(asked: _Asked) -> Optional[FileCalibration]:
+    text = asked.xmp.text("drone-dji:DewarpData")
     if not text:
         return None
-    parts = [to_number(p) for p in text.rpartition(";")[2].split(",")]
-    values = [p for p in parts if p is not None]
-    if len(values) != len(parts) or len(values) != 9:
-        problems.append("xmp-not-a-number:DewarpData")
+    values = [to_number(p) for p in text.rpartition(";")[2].split(",")]
+    known = [v for v in values if v is not None]
+    if len(known) != 9 or len(values) != 9:
+        asked.problems.append("xmp-not-a-number:DewarpData")
         return None
-    fx, fy, cx, cy, k1, k2, p1, p2, k3 = values
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = known
     if fx <= 0 or fy <= 0:
         return None
-    scale, _ = _full_scale(numbers, size, scale)
-    focal = (fx + fy) / 2.0 * scale
-    if focal < DEFAULTS.focal_px_min_ratio * size[0]:
-        problems.append("calibration-focal-impossible:DewarpData")
+    scale = _scale_of_sensor(asked)
+    focal = asked.pixels((fx + fy) / 2.0 * scale, "DewarpData")
+    if focal is None:
         return None
-    center = _inside((size[0] / 2.0 + cx * scale, size[1] / 2.0 + cy * scale), size, problems)
+    center = asked.inside((asked.size[0] / 2.0 + cx * scale, asked.size[1] / 2.0 + cy * scale))
     return FileCalibration(source="xmp-dewarp", focal_px=focal, center_px=center, distortion=(k1, k2, p1, p2, k3))
 
 
-def _calibrated(
-    numbers: Numbers, size: Tuple[int, int], scale: float, problems: List[str]
-) -> Optional[FileCalibration]:
-    focal = numbers.one("drone-dji:CalibratedFocalLength")
-    if focal is None or focal <= 0:
+def _calibrated(asked: _Asked) -> Optional[FileCalibration]:
+    given = asked.numbers.one("drone-dji:CalibratedFocalLength")
+    if given is None or given <= 0:
         return None
-    scale, _ = _full_scale(numbers, size, scale)
-    if focal * scale < DEFAULTS.focal_px_min_ratio * size[0]:
-        problems.append("calibration-focal-impossible:CalibratedFocalLength")
+    focal = asked.pixels(given * _scale_of_sensor(asked), "CalibratedFocalLength")
+    if focal is None:
         return None
-    return FileCalibration(source="xmp-calibrated", focal_px=focal * scale, center_px=(size[0] / 2.0, size[1] / 2.0))
+    return FileCalibration(source="xmp-calibrated", focal_px=focal)

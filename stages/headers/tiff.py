@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass
-from typing import Dict, FrozenSet, List, Optional, Sequence, Set, Tuple, Union
+from typing import Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
 from ..errors import FrameError
-from ..thresholds import DEFAULTS
 from .source import BeyondEnd, ByteSource
 
 Number = Union[int, float, None]
@@ -21,6 +20,7 @@ _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12
 _CODES = {1: "B", 3: "H", 4: "I", 6: "b", 7: "B", 8: "h", 9: "i", 11: "f", 12: "d", 13: "I", 16: "Q", 17: "q", 18: "Q"}
 MAX_VALUE_BYTES = 64 * 1024
 _MAX_PAGES = 256
+_MAX_SUB_IFDS = 64
 _MAX_STRIPS = 65536
 
 SUBFILE_TYPE, WIDTH, HEIGHT, BITS, COMPRESSION, PHOTOMETRIC = 254, 256, 257, 258, 259, 262
@@ -40,9 +40,17 @@ class Damaged(Exception):
     """A directory or a value is not where or what it should be; the text says which."""
 
 
+class PastEnd(Damaged):
+    """A directory that the stream ends before."""
+
+
 @dataclass(frozen=True)
 class Stream:
-    """A TIFF stream: ``length`` bytes of ``source`` from ``base``."""
+    """A TIFF stream: ``length`` bytes of ``source`` from ``base``.
+
+    ``first`` is the offset of its first directory; one of more than
+    ``max_entries`` fields is damaged.
+    """
 
     source: ByteSource
     base: int
@@ -50,6 +58,7 @@ class Stream:
     order: str
     big: bool
     first: int
+    max_entries: int
 
     def read(self, offset: int, length: int) -> bytes:
         """Bytes of the stream; ``BeyondEnd`` outside of it."""
@@ -70,7 +79,15 @@ class Value:
 Directory = Dict[int, Value]
 
 
-def open_stream(source: ByteSource, base: int, length: int) -> Stream:
+class Listing(NamedTuple):
+    """The wanted fields of a directory, the offset of the next one (0: none), and how many fields it has in all."""
+
+    fields: Directory
+    following: int
+    entries: int
+
+
+def open_stream(source: ByteSource, base: int, length: int, max_entries: int) -> Stream:
     """Read the 8 or 16 bytes in front; ``Damaged`` when they are none of a TIFF."""
     try:
         head = source.read(base, min(16, length))
@@ -81,14 +98,14 @@ def open_stream(source: ByteSource, base: int, length: int) -> Stream:
         raise Damaged("no TIFF header")
     magic = struct.unpack(order + "H", head[2:4])[0]
     if magic == 43 and len(head) == 16:
-        return Stream(source, base, length, order, True, struct.unpack(order + "Q", head[8:16])[0])
+        return Stream(source, base, length, order, True, struct.unpack(order + "Q", head[8:16])[0], max_entries)
     if magic != 42:
         raise Damaged("no TIFF header")
-    return Stream(source, base, length, order, False, struct.unpack(order + "I", head[4:8])[0])
+    return Stream(source, base, length, order, False, struct.unpack(order + "I", head[4:8])[0], max_entries)
 
 
-def directory(stream: Stream, offset: int, wanted: FrozenSet[int]) -> Tuple[Directory, int]:
-    """Return the wanted fields of the directory at ``offset`` and the offset of the next (0: none).
+def directory(stream: Stream, offset: int, wanted: FrozenSet[int]) -> Listing:
+    """Read the directory at ``offset``.
 
     ``Damaged`` when it is not inside of the stream or has an impossible count.
     Fields of unknown type are left out; of a repeated tag the first counts.
@@ -100,12 +117,12 @@ def directory(stream: Stream, offset: int, wanted: FrozenSet[int]) -> Tuple[Dire
         raise Damaged(f"a directory at byte {offset}")
     try:
         count = struct.unpack(stream.order + ("Q" if stream.big else "H"), stream.read(offset, count_size))[0]
-        if not 0 < count <= DEFAULTS.max_ifd_entries:
+        if not 0 < count <= stream.max_entries:
             raise Damaged(f"a directory of {count} entries")
         at = offset + count_size
         block = stream.read(at, count * entry_size)
     except BeyondEnd:
-        raise Damaged(f"a directory at byte {offset}, past the end") from None
+        raise PastEnd(f"a directory at byte {offset}, past the end") from None
     fields: Directory = {}
     inline = 8 if stream.big else 4
     for index, (tag, kind, number, _) in enumerate(struct.iter_unpack(layout, block)):
@@ -120,7 +137,7 @@ def directory(stream: Stream, offset: int, wanted: FrozenSet[int]) -> Tuple[Dire
         following = struct.unpack(stream.order + ("Q" if stream.big else "I"), stream.read(after, inline))[0]
     except BeyondEnd:
         following = 0
-    return fields, following
+    return Listing(fields, following, count)
 
 
 def raw_bytes(stream: Stream, value: Value, limit: int = MAX_VALUE_BYTES) -> bytes:
@@ -170,21 +187,23 @@ def pages(stream: Stream, metadata: FrozenSet[int]) -> Tuple[List[Page], Directo
     first: Directory = {}
     seen: Set[int] = set()
     queue = [stream.first]
-    while queue and len(seen) < _MAX_PAGES:
+    budget = 4 * stream.max_entries
+    while queue and len(seen) < _MAX_PAGES and budget > 0:
         offset = queue.pop(0)
         if offset in seen:
             continue
         seen.add(offset)
         try:
-            fields, following = directory(stream, offset, wanted)
+            fields, following, entries = directory(stream, offset, wanted)
         except Damaged as damage:
             if found:
                 continue
-            if offset >= stream.length:
+            if isinstance(damage, PastEnd):
                 raise FrameError(
                     "truncated-image", "The file ends before its directory: it was not copied whole."
                 ) from None
             raise FrameError("damaged-header", f"The TIFF header is damaged: {damage}.") from None
+        budget -= entries
         first = first or fields
         page = _page(stream, fields)
         if page is not None:
@@ -192,21 +211,25 @@ def pages(stream: Stream, metadata: FrozenSet[int]) -> Tuple[List[Page], Directo
         if following:
             queue.append(following)
         if SUB_IFDS in fields:
-            queue.extend(_integers(stream, fields, SUB_IFDS, 64 * 8))
+            queue.extend(_bounded(stream, fields, SUB_IFDS, _MAX_SUB_IFDS))
     return found, first
 
 
-def _integers(stream: Stream, fields: Directory, tag: int, limit: int = MAX_VALUE_BYTES) -> List[int]:
-    if tag not in fields:
+def _bounded(stream: Stream, fields: Directory, tag: int, most: int) -> List[int]:
+    """The first ``most`` whole numbers of a field; none where it is absent or damaged."""
+    value = fields.get(tag)
+    if value is None:
         return []
+    if value.count > most and value.count * _SIZES[value.type] > (8 if stream.big else 4):
+        value = Value(value.type, most, value.offset)
     try:
-        return [n for n in numbers(stream, fields[tag], limit) if isinstance(n, int) and n >= 0]
+        return [n for n in numbers(stream, value, most * 8) if isinstance(n, int) and n >= 0]
     except Damaged:
         return []
 
 
 def _integer(stream: Stream, fields: Directory, tag: int, default: int) -> int:
-    values = _integers(stream, fields, tag)
+    values = _bounded(stream, fields, tag, 1)
     return values[0] if values else default
 
 
@@ -250,8 +273,8 @@ def check_data(stream: Stream, page: Page) -> None:
     ):
         if offsets_tag not in page.fields:
             continue
-        offsets = _bounded(stream, page.fields, offsets_tag)
-        counts = _bounded(stream, page.fields, counts_tag)
+        offsets = _bounded(stream, page.fields, offsets_tag, _MAX_STRIPS)
+        counts = _bounded(stream, page.fields, counts_tag, _MAX_STRIPS)
         if not offsets:
             raise FrameError(
                 "truncated-image", "The table of the picture data is missing: the file was not copied whole."
@@ -265,12 +288,3 @@ def check_data(stream: Stream, page: Page) -> None:
             )
         return
     raise FrameError("damaged-header", "The TIFF header names no picture data.")
-
-
-def _bounded(stream: Stream, fields: Directory, tag: int) -> List[int]:
-    value = fields.get(tag)
-    if value is None:
-        return []
-    if value.count > _MAX_STRIPS:
-        value = Value(value.type, _MAX_STRIPS, value.offset)
-    return _integers(stream, {tag: value}, tag, _MAX_STRIPS * 8)

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Optional, Tuple, Union
+from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 from xml.parsers import expat
 
-from ..thresholds import DEFAULTS
+from ..thresholds import DEFAULTS, Thresholds
 
 Property = Union[str, Tuple[str, ...]]
 
@@ -42,9 +42,8 @@ _PREFIXES = {
 }
 _UNLISTED = frozenset(("rdf", "x", "xml", "xmlns", ""))
 _ATTRIBUTE = re.compile(rb"""\s*[^\s=<>/"']+\s*=\s*(?:"[^"<]*"|'[^'<]*')""")
-_ASSIGNMENTS = re.compile(rb"=\s*[\"']")
 _MAX_DEPTH = 64
-_MAX_REPAIRS = 8
+_MAX_REPAIRS = 4
 _DUPLICATE_ATTRIBUTE = 8
 _JUNK_AFTER_ROOT = 9
 
@@ -76,7 +75,7 @@ class _Refused(Exception):
     pass
 
 
-def parse(packets: List[bytes]) -> Xmp:
+def parse(packets: Sequence[bytes], limits: Thresholds = DEFAULTS) -> Xmp:
     """Parse the packets of one file; of a repeated property the first counts.
 
     Never raises on what a packet holds: what cannot be read is in ``problems``
@@ -85,7 +84,12 @@ def parse(packets: List[bytes]) -> Xmp:
     """
     result = Xmp()
     used: Dict[str, None] = {}
+    properties = 0
     for packet in packets:
+        properties += packet.count(b"<") + (packet.count(b'"') + packet.count(b"'")) // 2
+        if len(packet) > limits.max_xmp_bytes or properties > limits.max_xmp_properties:
+            result.problems.append(f"xmp-too-large:{len(packet)} bytes, {properties} properties")
+            break
         _parse_one(packet, result, used)
     result.namespaces = tuple(sorted(used))
     if result.blocks > 1:
@@ -94,9 +98,6 @@ def parse(packets: List[bytes]) -> Xmp:
 
 
 def _parse_one(packet: bytes, result: Xmp, used: Dict[str, None]) -> None:
-    if len(packet) > DEFAULTS.max_xmp_bytes:
-        result.problems.append(f"xmp-too-large:{len(packet)} bytes")
-        return
     packet = _as_utf8(packet, result.problems)
     start, end = packet.find(b"<"), packet.rfind(b">")
     if start < 0 or end < start:
@@ -104,9 +105,6 @@ def _parse_one(packet: bytes, result: Xmp, used: Dict[str, None]) -> None:
             result.problems.append("xmp-malformed:no markup")
         return
     packet = packet[start : end + 1]
-    if packet.count(b"<") + len(_ASSIGNMENTS.findall(packet)) > DEFAULTS.max_xmp_properties:
-        result.problems.append("xmp-too-large:more properties than any camera writes")
-        return
     for _ in range(_MAX_REPAIRS):
         handler = _Handler(dict(result.values))
         error = handler.run(packet)
