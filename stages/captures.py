@@ -18,7 +18,7 @@ from .geo import distance_m
 from .thresholds import Thresholds
 
 _DJI_NUMBER = re.compile(r"^DJI_(?:\d{14}_)?(\d{4})(?:_|\.)", re.IGNORECASE)
-_BAND_SUFFIX = re.compile(r"^(.+?)[-_]\w+\.[A-Za-z]{3,4}$")
+_BAND_SUFFIX = re.compile(r"^(.+)[-_]\w+\.[A-Za-z]{3,4}$")
 
 
 def seconds(frame: Frame) -> Optional[float]:

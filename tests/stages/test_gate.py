@@ -59,7 +59,7 @@ def test_two_places_are_separate_areas():
 
 
 def test_ground_resolutions_farther_apart_than_the_height_is_known():
-    low = strip(count=12, prefix="L_", relative_altitude_m=40.0, start="2024-05-01T12:00:00")
+    low = strip(count=12, prefix="L_", relative_altitude_m=60.0, start="2024-05-01T12:00:00")
     assert "gsd-mixed" in codes(strip(count=12) + low, severity="error")
     close = strip(count=12, prefix="L_", relative_altitude_m=79.0, start="2024-05-01T12:00:00")
     assert "gsd-mixed" not in codes(strip(count=12) + close)
