@@ -188,7 +188,8 @@ def _unit_findings(unit: Unit, target: Target, sizes: Mapping[Key, Tuple[int, in
     if off is None or off <= target.trigger or (target.scale == 1.0 and not target.kept):
         return
     frames = sum(len(g.frames) for g in unit.groups)
-    told = f"{frames} frames at {unit.gsd_cm:.2f} cm per pixel are {_percent(off)} off the target of {target.gsd_cm:.2f} cm"
+    gsds = f"{unit.gsd_cm:.2f} cm per pixel are {_percent(off)} off the target of {target.gsd_cm:.2f} cm"
+    told = f"{frames} frames at {gsds}"
     if target.kept:
         yield Finding(
             code="gsd-native",

@@ -24,14 +24,17 @@ _OPENCV_CHANNELS = 4
 _SUBSAMPLINGS = {(1, 1): "444", (2, 1): "422", (2, 2): "420", (1, 2): "440", (4, 1): "411"}
 
 
+def missing_opencv() -> MissingDependency:
+    """Return the error that says how to get OpenCV."""
+    return MissingDependency("OpenCV", "resampling and colour matching", "pip install 'sensorgate[imaging]'")
+
+
 def opencv() -> Any:
     """OpenCV, or the error that says how to get it."""
     try:
         import cv2
     except ImportError:
-        raise MissingDependency(
-            "OpenCV", "resampling and colour matching", "pip install 'sensorgate[imaging]'"
-        ) from None
+        raise missing_opencv() from None
     cv2.setNumThreads(1)
     return cv2
 

@@ -13,8 +13,8 @@ from ..thresholds import Thresholds
 from .units import Key, Unit
 
 FINEST, COARSEST = "finest", "coarsest"
-_JPEG = ("JPEG", "MPO", "JPG")
-_TIFF = ("TIFF", "TIF")
+_JPEG = ("jpeg", "mpo")
+_TIFF = ("tiff",)
 _LARGEST_SIDE = 0xFFFF
 _MOST_CHANNELS = 10
 

@@ -1,0 +1,114 @@
+"""Files put into a project: whole or not at all, never through a link into an original."""
+
+from __future__ import annotations
+
+import errno
+import filecmp
+import os
+import shutil
+from pathlib import Path
+from typing import Union
+
+from ..errors import UsageError
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_NO_LINK = frozenset(
+    getattr(errno, name)
+    for name in ("EXDEV", "EPERM", "EACCES", "EMLINK", "ENOSYS", "ENOTSUP", "EOPNOTSUPP", "EINVAL")
+    if hasattr(errno, name)
+)
+PathLike = Union[str, Path]
+
+
+class OutputError(UsageError):
+    """The output folder cannot take a file: full, read-only or gone. Finished frames stay whole."""
+
+
+def output_error(target: Path, error: OSError) -> OutputError:
+    """Say what is wrong with the folder of ``target`` and what to do."""
+    if error.errno in _FULL:
+        return OutputError(
+            f"The disk of {target.parent} is full. Free some space or choose another --out, "
+            "then run the same command with --resume: finished frames are kept."
+        )
+    return OutputError(
+        f"{target} cannot be written ({error.strerror or error}). Choose another --out or make the folder writable."
+    )
+
+
+def _beside(target: Path) -> Path:
+    """Return the unfinished name of ``target``; always the same, so that a later run clears what a killed one left."""
+    return target.with_name(f".{target.name}.part")
+
+
+def _clear(path: Path) -> None:
+    try:
+        path.unlink()
+    except FileNotFoundError:
+        return
+
+
+def put_bytes(target: Path, data: bytes) -> None:
+    """Write ``data`` beside ``target`` and rename. Raises ``OutputError``.
+
+    What stands at the unfinished name may be a hard link to an original: it is
+    removed, never opened.
+    """
+    part = _beside(target)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _clear(part)
+        try:
+            with open(part, "xb") as stream:
+                stream.write(data)
+            part.replace(target)
+        except BaseException:
+            _clear(part)
+            raise
+    except OSError as error:
+        raise output_error(target, error) from None
+
+
+def put_link(source: PathLike, target: Path, *, link: bool = True) -> str:
+    """Hard-link ``source`` as ``target``, or copy where that cannot be; returns ``linked`` or ``copied``.
+
+    A target that already is that file, or has its content, is left as it is.
+    Raises ``FileNotFoundError`` when the source is gone, ``OutputError`` when
+    the target cannot be written.
+    """
+    origin = os.path.realpath(source)
+    if not os.path.isfile(origin):
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(source))
+    part = _beside(target)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if os.path.lexists(target) and not target.is_symlink():
+            if target.samefile(origin) and link:
+                return "linked"
+            if not target.samefile(origin) and filecmp.cmp(origin, target, shallow=False):
+                return "copied"
+        _clear(part)
+        try:
+            how = _link_or_copy(origin, part, link)
+            part.replace(target)
+        except BaseException:
+            _clear(part)
+            raise
+        return how
+    except OSError as error:
+        if not os.path.isfile(origin):
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(source)) from None
+        raise output_error(target, error) from None
+
+
+def _link_or_copy(origin: str, part: Path, link: bool) -> str:
+    if link:
+        try:
+            os.link(origin, part)
+            return "linked"
+        except OSError as error:
+            if error.errno not in _NO_LINK:
+                raise
+    with open(origin, "rb") as source, open(part, "xb") as stream:
+        shutil.copyfileobj(source, stream, 1 << 20)
+    return "copied"

@@ -1,0 +1,166 @@
+"""One frame's work, done inside a worker process: read, rewrite, put."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Dict, Mapping, Optional, Tuple
+
+from ..errors import FrameError, MissingDependency
+from ..thresholds import Thresholds
+from . import jpeg, tiff
+from .exif import TagEdit
+from .files import OutputError, put_bytes
+from .metadata import is_jpeg, is_tiff, retag
+from .resample import decode_jpeg, encode_jpeg, opencv, resize_mask, transform
+
+# Raised whenever the same input would give other bytes than before.
+RECIPE = 1
+RETAG, REWRITE, MASK = "retag", "rewrite", "mask"
+
+
+@dataclass(frozen=True)
+class FrameJob:
+    """Everything that one frame's bytes depend on, and where it goes.
+
+    ``what`` is ``retag`` (header only), ``rewrite`` (new pixels) or ``mask``.
+    ``tables`` are per channel, empty for none. ``known`` is (key, digest of
+    the output) of an earlier run, empty for none.
+    """
+
+    path: str
+    source: str
+    target: str
+    what: str
+    size_bytes: int
+    width: int
+    height: int
+    out_width: int
+    out_height: int
+    tables: Tuple[Tuple[int, ...], ...] = ()
+    focal_mm: Optional[float] = None
+    focal_35mm: Optional[float] = None
+    known: Tuple[str, ...] = ()
+
+    def edit(self) -> TagEdit:
+        """Return what changes in the tags."""
+        same = (self.width, self.height) == (self.out_width, self.out_height)
+        size = None if same else (self.width, self.height, self.out_width, self.out_height)
+        return TagEdit(size, self.focal_mm, self.focal_35mm)
+
+
+def key_of(job: FrameJob, source_digest: str, limits: Thresholds) -> str:
+    """Digest of the source and of all that its output depends on."""
+    settings: Dict[str, Any] = asdict(job)
+    for name in ("path", "source", "target", "known"):
+        del settings[name]
+    settings["suffix"] = Path(job.target).suffix.lower() if job.what == MASK else ""
+    settings.update(recipe=RECIPE, source=source_digest, quality=limits.jpeg_quality)
+    settings["engine"] = "" if job.what == RETAG else str(opencv().__version__)
+    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
+
+
+def rewrite(data: bytes, job: FrameJob, limits: Thresholds) -> bytes:
+    """Return the bytes of the frame as ``job`` wants them; pure but for the codecs."""
+    if job.what == RETAG:
+        return retag(data, job.edit())
+    size = (job.out_width, job.out_height)
+    if job.width * job.height > limits.max_input_megapixels * 1e6:
+        raise FrameError("frame-too-large", f"{job.width}x{job.height} pixels are more than can be worked on.")
+    if job.what == MASK:
+        return _rewrite_mask(data, job, size)
+    if is_jpeg(data):
+        if not jpeg.complete(data):
+            raise FrameError("truncated-image", "The picture data breaks off: the file was not copied whole.")
+        subsampling = jpeg.sampling(data)
+        pixels = decode_jpeg(data, grey=subsampling is None)
+        _check_size(pixels.shape, job)
+        pixels = transform(pixels, size, job.tables, reverse=True)
+        return jpeg.with_header_of(data, encode_jpeg(pixels, subsampling, limits), job.edit())
+    if is_tiff(data):
+        pixels = tiff.decode(data, limits)
+        _check_size(pixels.shape, job)
+        channels = pixels.shape[2]
+        pixels = transform(pixels, size, job.tables, reverse=False)
+        return tiff.encode(data, pixels.reshape(size[1], size[0], channels), job.edit())
+    raise FrameError("pixels-not-supported", "Only JPEG and TIFF frames are resampled.")
+
+
+def _check_size(shape: Tuple[int, ...], job: FrameJob) -> None:
+    if (shape[1], shape[0]) != (job.width, job.height):
+        raise FrameError(
+            "frame-changed", f"The picture is {shape[1]}x{shape[0]}, its header said {job.width}x{job.height}."
+        )
+
+
+def _rewrite_mask(data: bytes, job: FrameJob, size: Tuple[int, int]) -> bytes:
+    import numpy as np
+
+    cv2 = opencv()
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        pixels = None
+    if pixels is None or (pixels.shape[1], pixels.shape[0]) != (job.width, job.height):
+        raise FrameError("mask-unusable", "The mask does not decode or has another size than its frame.")
+    done, encoded = cv2.imencode(Path(job.target).suffix, resize_mask(pixels, size))
+    if not done:
+        raise FrameError("mask-unusable", "The mask could not be written in the format of its name.")
+    return bytes(encoded.tobytes())
+
+
+def perform(job: FrameJob, limits: Thresholds) -> Dict[str, Any]:
+    """Do one job; the answer is plain JSON: ``ok``, ``broken``, ``missing`` or ``output`` with its details."""
+    try:
+        return _perform(job, limits)
+    except FrameError as error:
+        return _broken(error.code, error.message)
+    except MissingDependency:
+        return {"state": "missing"}
+    except OutputError as error:
+        return {"state": "output", "message": str(error)}
+    except MemoryError:
+        return _broken("frame-too-large", "There is not enough memory for this frame.")
+    except Exception as error:  # a fault on one frame is told and does not take the others along
+        logging.getLogger(__name__).exception("%s", job.path)
+        return _broken("frame-fault", f"Working on this frame failed unexpectedly ({type(error).__name__}: {error}).")
+
+
+def _broken(code: str, message: str) -> Dict[str, Any]:
+    return {"state": "broken", "code": code, "message": message}
+
+
+def _perform(job: FrameJob, limits: Thresholds) -> Dict[str, Any]:
+    try:
+        data = Path(job.source).read_bytes()
+    except FileNotFoundError:
+        return _broken("frame-vanished", "The file was there when the folder was read and is gone now.")
+    except OSError as error:
+        return _broken("unreadable-file", f"The file cannot be read: {error.strerror or error}.")
+    if job.what != MASK and len(data) != job.size_bytes:
+        return _broken("frame-changed", "The file has another size than when the folder was read.")
+    key = key_of(job, hashlib.sha256(data).hexdigest(), limits)
+    target = Path(job.target)
+    if job.known and job.known[0] == key and _digest(target) == job.known[1]:
+        return {"state": "ok", "key": key, "digest": job.known[1]}
+    result = rewrite(data, job, limits)
+    put_bytes(target, result)
+    return {"state": "ok", "key": key, "digest": hashlib.sha256(result).hexdigest()}
+
+
+def _digest(target: Path) -> str:
+    try:
+        return hashlib.sha256(target.read_bytes()).hexdigest()
+    except OSError:
+        return ""
+
+
+def job_from_plain(plain: Mapping[str, Any]) -> FrameJob:
+    """Turn a job that came as JSON back into itself."""
+    fields = dict(plain)
+    fields["tables"] = tuple(tuple(t) for t in fields.get("tables", ()))
+    fields["known"] = tuple(fields.get("known", ()))
+    return FrameJob(**fields)
