@@ -145,7 +145,7 @@ def _frame(
     done: Written,
 ) -> Dict[str, Any]:
     copy = done.copies.get(placed.path) if placed.path in done.outputs else None
-    retagged = copy is not None and copy.how in ("retagged", "resampled")
+    retagged = copy is not None and copy.how not in ("linked", "copied")
     scale = copy.scale if copy is not None else None
     sigma = gps_sigma.get(placed.path)
     focal = placed.intrinsics

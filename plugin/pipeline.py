@@ -1,0 +1,436 @@
+"""The one place that strings the stages together; command line, node and WebODM all call it."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+
+from ..stages.assemble import Group, groups_of, left_out, request_of
+from ..stages.errors import BlockedError, MissingDependency, SensorgateError
+from ..stages.finding import Finding, sort_key
+from ..stages.frame import BrokenFrame
+from ..stages.gate import BLOCKED, GateReport, assess, verdict_of
+from ..stages.harmonize.model import HarmonizedFrame
+from ..stages.progress import Cancel, Progress, check
+from ..stages.read import scan
+from ..stages.record import dumps, to_plain, write_text
+from ..stages.sensors import load_sheet
+from ..stages.survey import Survey, build
+from ..stages.thresholds import DEFAULTS, Thresholds
+from .control import Control, read_control
+from .odm.camera_id import camera_id
+from .odm.names import unique_names
+from .odm.predict import Prediction, predict
+from .placing import Placed, place, without_alignment
+from .report import build as reporting
+from .workfolder import WorkFolder, disk_errors, open_folder
+
+LOG = logging.getLogger("sensorgate.pipeline")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that decides the outcome besides the imagery; echoed in ``plan.json``."""
+
+    thresholds: Thresholds = DEFAULTS
+    calibration: Optional[str] = None
+    ground_m: Optional[float] = None
+    gsd_target: Union[str, float] = "finest"
+    gcp: Optional[str] = None
+    force_gcp: bool = False
+    geo: Optional[str] = None
+    engine: str = "pycolmap"
+    max_dim: Optional[int] = None
+    align: bool = True
+
+    def options(self) -> Dict[str, Any]:
+        """The arguments that differ from their default, thresholds apart."""
+        return {
+            f.name: getattr(self, f.name)
+            for f in dataclasses.fields(self)
+            if f.name != "thresholds" and getattr(self, f.name) != f.default
+        }
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a verb returns: the report in the shape of ``report.schema.json``, and the exit code."""
+
+    report: Dict[str, Any]
+    exit_code: int
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """The survey with all that is known before any pixel moves."""
+
+    paths: Tuple[str, ...]
+    settings: Settings
+    survey: Survey
+    assessed: GateReport
+    prediction: Prediction
+    control: Control
+
+    @property
+    def findings(self) -> Tuple[Finding, ...]:
+        """Ours and what ODM would say, worst first."""
+        return tuple(sorted([*self.assessed.findings, *self.prediction.findings, *self.control.findings], key=sort_key))
+
+    @property
+    def verdict(self) -> str:
+        """The verdict with ODM's part in it."""
+        if self.assessed.verdict == BLOCKED:
+            return BLOCKED
+        return verdict_of(self.findings, sum(1 for f in self.survey.frames if f.excluded is None))
+
+
+def inspect(
+    paths: Sequence[str],
+    settings: Settings = Settings(),
+    *,
+    progress: Optional[Progress] = None,
+    cancel: Optional[Cancel] = None,
+) -> Inspection:
+    """Read, group and assess; nothing is written."""
+    found = scan(list(paths), progress=progress, cancel=cancel)
+    control = read_control(settings.gcp, settings.geo, found.frames)
+    survey = build(
+        replace(found, frames=control.frames),
+        load_sheet(settings.calibration, settings.thresholds),
+        settings.thresholds,
+        ground_m=settings.ground_m,
+    )
+    assessed = assess(survey, settings.thresholds, gsd_target=settings.gsd_target)
+    files = survey.file_of()
+    present = [files[f.path] for f in survey.frames]
+    prediction = predict(present, {f.path: f.profile for f in survey.frames}, survey.profiles, settings.thresholds)
+    return Inspection(tuple(paths), settings, survey, assessed, prediction, control)
+
+
+def _report(
+    inspection: Inspection, findings: Sequence[Finding], written: Optional[reporting.Written] = None
+) -> Dict[str, Any]:
+    return reporting.build(
+        inspection.survey,
+        inspection.verdict,
+        findings,
+        inspection.assessed.plan,
+        inspection.settings.thresholds,
+        paths=inspection.paths,
+        options=inspection.settings.options(),
+        odm_ids=inspection.prediction.camera_ids,
+        odm_notes=inspection.prediction.notes,
+        gcp_points=inspection.control.points,
+        gps_sigma=inspection.control.accuracies,
+        written=written,
+    )
+
+
+def gate(
+    paths: Sequence[str],
+    settings: Settings = Settings(),
+    *,
+    progress: Optional[Progress] = None,
+    cancel: Optional[Cancel] = None,
+) -> Result:
+    """The verdict on imagery before anything is spent on it. Exit 0 consistent, 1 fixable, 3 blocked."""
+    inspection = inspect(paths, settings, progress=progress, cancel=cancel)
+    code = {"consistent": 0, "inconsistent": 1}.get(inspection.verdict, 3)
+    return Result(_report(inspection, inspection.findings), code)
+
+
+def run(
+    paths: Sequence[str],
+    out: Path,
+    settings: Settings = Settings(),
+    *,
+    work: Optional[Path] = None,
+    resume: bool = False,
+    progress: Optional[Progress] = None,
+    cancel: Optional[Cancel] = None,
+) -> Result:
+    """The main job: from mixed imagery to ODM projects in ``out``.
+
+    Exit 0 when all frames are placed and proceed, 1 when something is
+    isolated, unproven or left out, 3 (``BlockedError``) when nothing could be
+    written.
+    """
+    if settings.align:
+        require_solver(settings.engine)
+    folder = open_folder(out, work, [Path(p) for p in paths if Path(p).is_dir()], resume)
+    started = False
+    try:
+        with disk_errors(folder.out):
+            inspection = inspect(paths, settings, progress=progress, cancel=cancel)
+            if inspection.verdict == BLOCKED:
+                raise BlockedError(blocked_message(inspection))
+            folder.begin(reporting.digest_of(inspection.survey, _identity(settings)), resume)
+            started = True
+            report = _produce(inspection, folder, progress, cancel)
+            folder.publish()
+    except BaseException:
+        if not started:
+            folder.abandon()
+        raise
+    clean = all(s["route"] == "proceed" for s in report["subprojects"])
+    whole = all(f["subproject"] for f in report["frames"])
+    return Result(report, 0 if clean and whole else 1)
+
+
+def _identity(settings: Settings) -> Dict[str, Any]:
+    return {**settings.options(), "thresholds": to_plain(settings.thresholds)}
+
+
+def require_solver(engine: str) -> None:
+    """Raise ``MissingDependency`` before any work when the alignment could not run."""
+    import importlib.util
+    import shutil
+
+    if importlib.util.find_spec("cv2") is None:
+        raise MissingDependency("OpenCV", "the alignment", "pip install 'sensorgate[sfm]' (or run with --no-align)")
+    if engine == "pycolmap" and importlib.util.find_spec("pycolmap") is None:
+        raise MissingDependency("pycolmap", "the alignment", "pip install 'sensorgate[sfm]' (or run with --no-align)")
+    if engine == "colmap" and shutil.which("colmap") is None:
+        raise MissingDependency("COLMAP", "--engine colmap", "apt-get install colmap (or use --engine pycolmap)")
+
+
+def blocked_message(inspection: Inspection) -> str:
+    """Why there is nothing to do, and the way out."""
+    survey = inspection.survey
+    where = ", ".join(inspection.paths)
+    if survey.broken:
+        first = survey.broken[0]
+        return (
+            f"None of the {len(survey.broken)} image files in {where} can be read "
+            f"(first: {first.path}: {first.message}). Copy the files from the card again."
+        )
+    if survey.frames:
+        return f"None of the {len(survey.frames)} frames in {where} is a survey frame. See sensorgate gate {where}."
+    seen = sum(n for _, n in survey.ignored)
+    other = f" ({seen} other files were passed over)" if seen else ""
+    return f"There is no image in {where}{other}. Point to the folder that holds the drone's JPEG or TIFF files."
+
+
+def _produce(
+    inspection: Inspection, folder: WorkFolder, progress: Optional[Progress], cancel: Optional[Cancel]
+) -> Dict[str, Any]:
+    settings, survey = inspection.settings, inspection.survey
+    dropped = left_out(survey)
+    groups = groups_of(survey)
+    wanted = sorted(path for group in groups for path in group.frames)
+    names = unique_names([(path, payload) for path, payload in _payload_of(survey) if path in set(wanted)])
+    inspection, extra = _learn_radiometry(inspection, progress, cancel)
+    copies, failed = _harmonize(inspection, folder, names, wanted, progress, cancel)
+    for item in failed:
+        dropped[item.path] = item.code
+        extra.append(_failed_finding(item))
+    dropped.update(_orphaned(groups, survey, copies))
+    groups = tuple(g for g in (_kept(g, copies, dropped) for g in groups) if g.frames)
+    placed: List[Placed] = []
+    for group in groups:
+        check(cancel)
+        placed.extend(_prove(group, inspection, folder, copies, progress, cancel))
+    written = place(
+        placed, inspection.survey, copies, inspection.control, settings, inspection.assessed.plan, folder.folder("result")
+    )
+    survey = replace(
+        inspection.survey,
+        frames=tuple(replace(f, excluded=dropped.get(f.path, f.excluded)) for f in inspection.survey.frames),
+    )
+    inspection = replace(inspection, survey=survey)
+    findings = tuple(sorted([*inspection.findings, *extra, *written.findings], key=sort_key))
+    report = _report(inspection, findings, written.record)
+    _conserve(report)
+    _write_reports(report, inspection, folder, copies)
+    return report
+
+
+def _payload_of(survey: Survey) -> List[Tuple[str, str]]:
+    return [(f.path, f.payload) for f in survey.frames]
+
+
+def _learn_radiometry(
+    inspection: Inspection, progress: Optional[Progress], cancel: Optional[Cancel]
+) -> Tuple[Inspection, List[Finding]]:
+    """Learn channel tables from ground that two profiles share, and plan again with them."""
+    from ..stages.harmonize import learn_luts, plan
+
+    survey, settings = inspection.survey, inspection.settings
+    usable = [f for f in survey.frames if f.excluded is None]
+    files = survey.file_of()
+    luts, findings = learn_luts(
+        usable,
+        files,
+        {f.path: Path(f.path) for f in usable},
+        survey.profiles,
+        survey.flights,
+        settings.thresholds,
+        progress=progress,
+        cancel=cancel,
+    )
+    planned, _ = plan(
+        usable,
+        files,
+        survey.profiles,
+        survey.flights,
+        settings.thresholds,
+        gsd_target=settings.gsd_target,
+        luts=luts,
+    )
+    return replace(inspection, assessed=replace(inspection.assessed, plan=planned)), list(findings)
+
+
+def _harmonize(
+    inspection: Inspection,
+    folder: WorkFolder,
+    names: Mapping[str, str],
+    wanted: Sequence[str],
+    progress: Optional[Progress],
+    cancel: Optional[Cancel],
+) -> Tuple[Dict[str, HarmonizedFrame], Tuple[BrokenFrame, ...]]:
+    from ..stages.harmonize import apply
+
+    images = folder.folder("images")
+    keep = set(wanted)
+    plan = inspection.assessed.plan
+    actions = tuple(
+        replace(a, frames=tuple(p for p in a.frames if p in keep)) for a in plan.actions if any(p in keep for p in a.frames)
+    )
+    done, failed = apply(
+        replace(plan, actions=actions),
+        inspection.survey.file_of(),
+        {path: Path(path) for path in wanted},
+        {path: images / names[path] for path in wanted},
+        thresholds=inspection.settings.thresholds,
+        journal=folder.scratch / "harmonized.json",
+        progress=progress,
+        cancel=cancel,
+    )
+    return {h.path: h for h in done}, tuple(failed)
+
+
+def _failed_finding(item: BrokenFrame) -> Finding:
+    return Finding(
+        code=item.code,
+        severity="error",
+        subjects=(item.path,),
+        message=f"{item.path.rsplit('/', 1)[-1]}: {item.message}",
+        remedy="Copy the file from the card again and run once more with --resume.",
+    )
+
+
+def _orphaned(groups: Sequence[Group], survey: Survey, copies: Mapping[str, HarmonizedFrame]) -> Dict[str, str]:
+    """Bands of a capture whose other bands could not be written."""
+    capture = {f.path: (f.payload, f.capture) for f in survey.frames}
+    lost = {capture[p] for g in groups for p in g.frames if p not in copies}
+    return {p: "capture-incomplete" for g in groups for p in g.frames if p in copies and capture[p] in lost}
+
+
+def _kept(group: Group, copies: Mapping[str, HarmonizedFrame], dropped: Mapping[str, str]) -> Group:
+    def keep(paths: Sequence[str]) -> Tuple[str, ...]:
+        return tuple(p for p in paths if p in copies and p not in dropped)
+
+    return replace(group, frames=keep(group.frames), solver_frames=keep(group.solver_frames))
+
+
+def _prove(
+    group: Group,
+    inspection: Inspection,
+    folder: WorkFolder,
+    copies: Mapping[str, HarmonizedFrame],
+    progress: Optional[Progress],
+    cancel: Optional[Cancel],
+) -> List[Placed]:
+    """Align one group, or take up what an interrupted run proved; without alignment every payload is unproven."""
+    settings = inspection.settings
+    if not settings.align:
+        return without_alignment(group, inspection.survey)
+    from ..stages.record import from_plain
+    from ..stages.route import Proof, prove
+
+    kept_name = f"proof-{group.name}.json"
+    kept = folder.load(kept_name)
+    proof: Optional[Proof] = None
+    if isinstance(kept, dict):
+        try:
+            proof = from_plain(Proof, kept)
+        except (TypeError, ValueError, KeyError):
+            LOG.info("%s of the interrupted run does not fit; aligning again", kept_name)
+    if proof is None:
+        request = request_of(
+            group,
+            inspection.survey,
+            copies,
+            settings.thresholds,
+            marks=inspection.control.marks(copies),
+            accuracies=inspection.control.accuracies,
+        )
+        proof = prove(
+            request,
+            folder.folder(f"align-{group.name}"),
+            thresholds=settings.thresholds,
+            engine=settings.engine,
+            max_dim=settings.max_dim,
+            progress=progress,
+            cancel=cancel,
+        )
+        folder.keep(kept_name, proof)
+    return [Placed(group, proven) for proven in proof.groups]
+
+
+def _conserve(report: Mapping[str, Any]) -> None:
+    """The law of conservation: every frame in exactly one project, or left out with its reason."""
+    homes: Dict[str, int] = {}
+    for project in report["subprojects"]:
+        for path in project["frames"]:
+            homes[path] = homes.get(path, 0) + 1
+    for frame in report["frames"]:
+        inside = homes.get(frame["path"], 0)
+        if inside > 1 or (inside == 1) != (frame["subproject"] is not None) or (inside == 0 and not frame["reason"]):
+            raise SensorgateError(f"{frame['path']} would be lost or doubled. Nothing was written; please report this.")
+
+
+def _write_reports(
+    report: Dict[str, Any], inspection: Inspection, folder: WorkFolder, copies: Mapping[str, HarmonizedFrame]
+) -> None:
+    """``report.json``, ``plan.json`` and ``report.html`` beside the projects, all in the scratch until published."""
+    result = folder.folder("result")
+    write_text(result / "report.json", dumps(report))
+    write_text(result / "plan.json", dumps(plan_record(report, inspection)))
+    try:
+        from .report.html import render
+        from .report.previews import previews_of
+
+        write_text(result / "report.html", render(report, previews_of(report, copies)))
+    except MissingDependency as error:
+        LOG.warning("%s The job itself is complete; report.html was left out.", error)
+
+
+def plan_record(report: Mapping[str, Any], inspection: Inspection) -> Dict[str, Any]:
+    """All that decided and what was decided, without any solver figure: equal byte for byte between runs."""
+    return {
+        "schema_version": report["schema_version"],
+        "versions": report["versions"],
+        "inputs": report["inputs"],
+        "thresholds": report["thresholds"],
+        "harmonize": to_plain(inspection.assessed.plan),
+        "subprojects": [
+            {
+                "name": s["name"],
+                "spectrum": s["spectrum"],
+                "route": s["route"],
+                "payloads": s["payloads"],
+                "frames": s["frames"],
+                "options": [{"name": o["name"], "value": o["value"]} for o in s["options"]],
+                "held": sorted(c["profile"] for c in s["calibration"] if c["held"]),
+            }
+            for s in report["subprojects"]
+        ],
+        "excluded": [{"path": f["path"], "reason": f["reason"]} for f in report["frames"] if not f["subproject"]],
+    }
+
+
+__all__ = ["Inspection", "Result", "Settings", "camera_id", "gate", "inspect", "plan_record", "run"]

@@ -1,0 +1,298 @@
+"""From what was proven to ODM projects on disk: names, frames, calibration, ground control, options."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from ..stages.align.model import AlignmentReport
+from ..stages.assemble import Group, primary_of
+from ..stages.errors import SensorgateError
+from ..stages.finding import Finding
+from ..stages.gate import is_rtk_fixed
+from ..stages.grouping import slug
+from ..stages.harmonize.model import HarmonizedFrame, HarmonizePlan
+from ..stages.intrinsics import Intrinsics
+from ..stages.profile import MULTISPECTRAL, CameraProfile
+from ..stages.read import read_frame
+from ..stages.record import to_plain
+from ..stages.route import CameraHold, ProvenGroup
+from ..stages.survey import Survey
+from .control import Control
+from .odm.camera_id import camera_id, file_key
+from .odm.cameras import CalibrationPlan, CameraDecision, ProjectFrame, calibration_for, decision_from_intrinsics
+from .odm.options import OptionNeeds, as_node_options, options_for
+from .odm.project import write_project
+from .report.build import SubProject, Written, pair_medians
+
+
+@dataclass(frozen=True)
+class Placed:
+    """One proven group inside the group of frames that it came from."""
+
+    group: Group
+    proven: ProvenGroup
+
+
+@dataclass(frozen=True)
+class Placing:
+    """The written projects in the report's terms, and what is to be said about them."""
+
+    record: Written
+    findings: Tuple[Finding, ...]
+
+
+def without_alignment(group: Group, survey: Survey) -> List[Placed]:
+    """A group that no alignment looked at: one unproven project per group."""
+    proven = ProvenGroup(
+        name=group.name,
+        payloads=group.payloads,
+        frames=group.solver_frames,
+        route="unproven",
+        reasons=("No alignment was run (--no-align): these frames are grouped by their metadata alone.",),
+    )
+    return [Placed(group, proven)]
+
+
+def project_names(placed: Sequence[Placed]) -> Tuple[str, ...]:
+    """One folder name per project: the spectrum where it has one project only, else with its first payload."""
+    count: Dict[str, int] = {}
+    for item in placed:
+        count[item.group.spectrum] = count.get(item.group.spectrum, 0) + 1
+    names: List[str] = []
+    for item in placed:
+        spectrum = item.group.spectrum
+        name = spectrum
+        if count[spectrum] > 1:
+            first = slug(item.proven.payloads[0].replace("/rig", "").replace(f"/{spectrum}", ""))
+            name = f"{spectrum}-{first}"[:60].rstrip("-.")
+        unique, number = name, 1
+        while unique in names:
+            number += 1
+            unique = f"{name}-{number}"
+        names.append(unique)
+    return tuple(names)
+
+
+def frames_of(item: Placed, survey: Survey) -> Tuple[str, ...]:
+    """All frames of a proven group: those that the solver saw and the other bands of their captures."""
+    at = {f.path: f for f in survey.frames}
+    seen = set(item.proven.frames)
+    captures = {(at[p].payload, at[p].capture) for p in seen}
+    rigs = {p.id for p in survey.payloads if len(p.profiles) > 1}
+    return tuple(
+        p for p in item.group.frames if p in seen or (at[p].payload in rigs and (at[p].payload, at[p].capture) in captures)
+    )
+
+
+def _decisions(
+    proven: ProvenGroup, profiles: Sequence[CameraProfile], copies: Mapping[str, Tuple[int, int]]
+) -> Dict[str, CameraDecision]:
+    """What is known of each profile's camera: what the alignment decided, else its own best source."""
+    decided: Dict[str, CameraDecision] = {}
+    holds: Dict[str, CameraHold] = {h.profile: h for h in proven.cameras}
+    for profile in profiles:
+        hold = holds.get(profile.id)
+        if hold is not None:
+            decided[profile.id] = CameraDecision(
+                profile=profile.id,
+                focal_ratio=hold.focal_ratio,
+                focal_source=hold.focal_source,
+                center_ratio=hold.center_ratio,
+                distortion=hold.distortion,
+                projection=profile.intrinsics.projection,
+                lock=hold.hold,
+                reason=hold.reason,
+            )
+        else:
+            focal: Intrinsics = profile.intrinsics
+            why = f"{profile.id}: focal and distortion from {focal.focal_source}" if focal.complete else ""
+            decided[profile.id] = decision_from_intrinsics(profile.id, focal, lock=focal.complete, reason=why)
+    return decided
+
+
+def _link(source: Path, target: Path) -> None:
+    try:
+        os.link(source, target)
+    except OSError:
+        beside = target.with_name(f".part-{target.name}")
+        shutil.copy2(source, beside)
+        os.replace(beside, target)
+
+
+def place(
+    placed: Sequence[Placed],
+    survey: Survey,
+    copies: Mapping[str, HarmonizedFrame],
+    control: Control,
+    settings: Any,
+    plan: HarmonizePlan,
+    result: Path,
+) -> Placing:
+    """Write every project into ``result/projects``; what an earlier try left there is replaced."""
+    root = result / "projects"
+    if root.exists():
+        shutil.rmtree(root)
+    ordered = sorted(placed, key=lambda i: (i.group.name, i.proven.payloads, i.proven.frames))
+    projects: List[SubProject] = []
+    findings: List[Finding] = []
+    outputs: Dict[str, str] = {}
+    locks: Dict[str, Tuple[bool, str]] = {}
+    for name, item in zip(project_names(ordered), ordered):
+        project, said = _write_one(name, item, survey, copies, control, settings, plan, root / name, outputs, locks)
+        projects.append(project)
+        findings.extend(said)
+    record = Written(tuple(projects), outputs, {p: copies[p] for p in outputs}, locks)
+    return Placing(record, tuple(findings))
+
+
+def _write_one(
+    name: str,
+    item: Placed,
+    survey: Survey,
+    copies: Mapping[str, HarmonizedFrame],
+    control: Control,
+    settings: Any,
+    plan: HarmonizePlan,
+    folder: Path,
+    outputs: Dict[str, str],
+    locks: Dict[str, Tuple[bool, str]],
+) -> Tuple[SubProject, List[Finding]]:
+    paths = frames_of(item, survey)
+    if not paths:
+        raise SensorgateError(f"The project {name} would have no frame. Please report this.")
+    images = folder / "images"
+    images.mkdir(parents=True)
+    at = {f.path: f for f in survey.frames}
+    primaries = {p.id: primary_of(survey, p) for p in survey.payloads}
+    headers: List[ProjectFrame] = []
+    for path in paths:
+        copy = copies[path]
+        target = images / copy.name
+        _link(Path(copy.file), target)
+        outputs[path] = f"projects/{name}/images/{copy.name}"
+        where = at[path]
+        headers.append(ProjectFrame(read_frame(target, path), where.profile, where.profile == primaries[where.payload]))
+    used = {at[p].profile for p in paths}
+    profiles = [p for p in survey.profiles if p.id in used]
+    decisions = _decisions(item.proven, profiles, {p: (copies[p].width, copies[p].height) for p in paths})
+    calibration = calibration_for(headers, decisions, settings.thresholds)
+    ground = control.for_project(
+        name, paths, copies, survey, settings.thresholds, primary={h.frame.path for h in headers if h.primary}
+    )
+    changed = any(a.radiometry_none for a in plan.actions if set(a.frames) & set(paths))
+    needs = OptionNeeds(
+        lock=calibration.lock,
+        cameras_cover_all=calibration.covers_all,
+        lock_reason=calibration.reason,
+        radiometry_changed=changed,
+        has_gcp=ground.gcp_text is not None,
+        force_gcp=settings.force_gcp,
+        keep_gps=ground.gcp_text is not None
+        and not settings.force_gcp
+        and all(is_rtk_fixed(h.frame.rtk_flag) for h in headers),
+        gps_accuracy_m=ground.accuracy_m,
+        geo_has_accuracies=ground.geo_text is not None,
+    )
+    options = options_for(needs)
+    spectrum = MULTISPECTRAL if any(at[p].spectrum == MULTISPECTRAL for p in paths) else item.group.spectrum
+    alignment = _alignment(item.proven, survey)
+    write_project(
+        folder,
+        options=options,
+        gcp_text=ground.gcp_text,
+        geo_text=ground.geo_text,
+        calibration=dict(calibration.cameras) or None,
+        alignment=alignment,
+        notes=item.proven.reasons,
+    )
+    for profile in profiles:
+        held = calibration.lock
+        locks[profile.id] = (held, decisions[profile.id].reason or ("" if held else "no trusted calibration to hold"))
+    record = SubProject(
+        name=name,
+        spectrum=spectrum,
+        frames=paths,
+        payloads=tuple(sorted({at[p].payload for p in paths})),
+        route=item.proven.route,
+        reasons=item.proven.reasons,
+        options=tuple({**o, "reason": r.reason} for o, r in zip(as_node_options(options), options)),
+        alignment=alignment,
+        gcp={"points": ground.gcp_points, "images": ground.gcp_images} if ground.gcp_text else None,
+        calibration=_calibration_rows(headers, decisions, calibration),
+    )
+    return record, [*calibration.findings, *ground.findings]
+
+
+def _calibration_rows(
+    headers: Sequence[ProjectFrame], decisions: Mapping[str, CameraDecision], plan: CalibrationPlan
+) -> Tuple[Mapping[str, Any], ...]:
+    rows: Dict[Tuple[str, str], Mapping[str, Any]] = {}
+    for header in headers:
+        identity = file_key(camera_id(header.frame))
+        decision = decisions.get(header.profile)
+        if not header.primary or decision is None:
+            continue
+        ratio = decision.focal_ratio
+        scale = header.frame.width / max(header.frame.width, header.frame.height)
+        rows[(header.profile, identity)] = {
+            "profile": header.profile,
+            "camera_id": identity,
+            "focal_ratio": round(ratio * scale, 8) if ratio is not None else None,
+            "source": decision.focal_source,
+            "held": plan.lock and identity in plan.cameras,
+            "reason": decision.reason,
+        }
+    return tuple(rows[k] for k in sorted(rows))
+
+
+def _rounded(value: Optional[float], digits: int = 4) -> Optional[float]:
+    return None if value is None else round(value, digits)
+
+
+def _alignment(proven: ProvenGroup, survey: Survey) -> Optional[Dict[str, Any]]:
+    """The figures of the alignment in the report's shape, rounded to what repeats."""
+    found: Optional[AlignmentReport] = proven.alignment
+    if found is None:
+        return None
+    payload_of = {f.path: f.payload for f in survey.frames}
+    horizontal, vertical = found.gps.horizontal_m, found.gps.vertical_m
+    total = None if horizontal is None or vertical is None else (horizontal**2 + vertical**2) ** 0.5
+    sigma_h, sigma_v = found.gps.sigma_horizontal_m, found.gps.sigma_vertical_m
+    return {
+        "registered": found.registered,
+        "frames": len(found.frames),
+        "components": found.components,
+        "mean_reproj_error_px": _rounded(found.mean_reproj_error_px),
+        "gps_rmse_m": _rounded(total),
+        "height_m": _rounded(found.height_m, 3),
+        "bowing_m": _rounded(found.bowing.bowing_m),
+        "bowing_se_m": _rounded(found.bowing.se_m),
+        "engine": found.engine,
+        "rung": found.rung,
+        "anchor": found.anchor,
+        "gps_horizontal_m": _rounded(horizontal),
+        "gps_vertical_m": _rounded(vertical),
+        "gps_limit_horizontal_m": None if sigma_h is None else _rounded(2.0 * sigma_h),
+        "gps_limit_vertical_m": None if sigma_v is None else _rounded(2.0 * sigma_v),
+        "bowing_radius_m": _rounded(found.bowing.radius_m, 2),
+        "median_inliers": found.median_inliers,
+        "payloads": to_plain(found.payloads),
+        "pairs": pair_medians([(payload_of[p.a], payload_of[p.b], p.inliers) for p in found.pairs]),
+        "candidates": to_plain(found.candidates),
+        "residuals": [
+            {
+                "path": f.path,
+                "east_m": _rounded(f.gps_residual_m[0], 3),
+                "north_m": _rounded(f.gps_residual_m[1], 3),
+                "up_m": _rounded(f.gps_residual_m[2], 3),
+            }
+            for f in found.frames
+            if f.gps_residual_m is not None
+        ],
+        "unregistered": [f.path for f in found.frames if not f.registered],
+        "notes": list(found.notes),
+    }
