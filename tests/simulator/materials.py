@@ -44,11 +44,13 @@ _TABLE: Dict[str, Tuple[Tuple[float, ...], float, float]] = {
 NAMES = tuple(_TABLE)
 ID = {name: index for index, name in enumerate(NAMES)}
 
-# Open ground is a mix of these two by the share of vegetation.
+# Open ground is a mix of these by the share of vegetation, and of that the share that is ripe or dry.
 SOIL = (0.40, 0.31, 0.22, 0.16, 0.24, 0.34, 0.38, 0.42)
-GRASS = (0.25, 0.32, 0.13, 0.06, 0.15, 0.08, 0.30, 0.55)
+GRASS = (0.20, 0.28, 0.10, 0.05, 0.13, 0.06, 0.28, 0.56)
+DRY = (0.52, 0.44, 0.24, 0.13, 0.30, 0.42, 0.46, 0.50)
 SOIL_C = 40.0
 GRASS_C = 27.0
+DRY_C = 33.0
 
 
 def _lut(values: Tuple[float, ...]) -> np.ndarray:

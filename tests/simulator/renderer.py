@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Tuple
+from typing import Dict, List, Tuple, Union
 
 import numpy as np
 
@@ -12,6 +12,10 @@ from .camera import Camera, rays
 from .world import GAMMA, THERMAL_RANGE_C, World
 
 STEP = 3
+EDGE_STEPS = 20
+# Walls are seen at a slant: their colour is that of what stands there, averaged over this, and darker.
+WALL_TEXEL_M = 0.5
+WALL_LIGHT = 0.72
 STEEPEST = 8.0
 
 
@@ -47,58 +51,79 @@ class _Heights:
         self.v0 = np.float32((world.north - center[1]) / world.cell_m - 0.5)
         self.du, self.dv = east / cell, -north / cell
 
-    def at(self, z: "np.ndarray | float") -> np.ndarray:
+    def at(self, z: Union[np.ndarray, float]) -> np.ndarray:
         import cv2
 
         drop = np.float32(self.up) - z
-        return cv2.remap(
-            self.grid,
-            self.u0 + self.du * drop,
-            self.v0 + self.dv * drop,
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REFLECT_101,
-        )
+        u, v = self.u0 + self.du * drop, self.v0 + self.dv * drop
+        return cv2.remap(self.grid, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
 
 
-def hit(world: World, camera: Camera, rotation: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """Height (m) of the ground that every pixel sees, float32 (height, width).
+def _march(field: _Heights, levels: List[np.ndarray]) -> Tuple[np.ndarray, np.ndarray]:
+    """First surface that each ray meets on its way down through ``levels``, as a bracket (low, high)."""
+    shape = field.du.shape
+    low = np.broadcast_to(levels[-1], shape).astype(np.float32)
+    high = np.broadcast_to(levels[-2], shape).astype(np.float32)
+    found = np.zeros(shape, bool)
+    for above, z in zip(levels, levels[1:]):
+        new = (field.at(z) >= z) & ~found
+        low = np.where(new, z, low)
+        high = np.where(new, above, high)
+        found |= new
+    for _ in range(5):
+        middle = np.float32(0.5) * (low + high)
+        under = field.at(middle) >= middle
+        low = np.where(under, middle, low)
+        high = np.where(under, high, middle)
+    return low, high
+
+
+def hit(world: World, camera: Camera, rotation: np.ndarray, center: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Height (m) of the ground that every pixel sees, and 1 where that is a wall; float32 (height, width).
 
     A coarse march down every third ray finds the first surface it meets
-    (roofs hide what is behind them), bisection closes in, and two rounds of
-    z = h(ray(z)) at full resolution settle what is not a wall.
+    (roofs hide what is behind them). Where neighbouring rays agree,
+    z = h(ray(z)) settles it at full resolution; where they do not, at the
+    edges of roofs and trees, every single ray is marched.
     """
     import cv2
 
     east, north = _slopes(camera, rotation, STEP)
     field = _Heights(world, center, east, north)
     top = min(float(world.ground.height.max()), float(center[2]) - 0.5)
-    bottom = float(world.ground.height.min())
+    bottom = float(world.ground.height.min()) - 0.01
     steepest = math.hypot(float(np.abs(east).max()), float(np.abs(north).max()))
     count = int(np.clip(math.ceil((top - bottom) * max(1.0, steepest) / 1.5), 4, 60))
-    levels = np.linspace(top, bottom - 0.01, count + 1)
-    low = np.full(east.shape, np.float32(levels[-1]), np.float32)
-    found = np.zeros(east.shape, bool)
-    for z in levels[1:]:
-        now = field.at(np.float32(z)) >= np.float32(z)
-        low[now & ~found] = z
-        found |= now
-    high = low + np.float32(levels[0] - levels[1])
-    for _ in range(4):
-        middle = 0.5 * (low + high)
-        under = field.at(middle) >= middle
-        low = np.where(under, middle, low)
-        high = np.where(under, high, middle)
-    coarse = np.clip(field.at(0.5 * (low + high)), low - 0.3, high + 0.3)
+    low, high = _march(field, list(np.linspace(top, bottom, count + 1).astype(np.float32)))
+    coarse = np.float32(0.5) * (low + high)
+    around = np.ones((3, 3), np.uint8)
+    most, least = cv2.dilate(coarse, around), cv2.erode(coarse, around)
     spread = np.array([[1.0 / STEP, 0, 0], [0, 1.0 / STEP, 0]])
     size = (camera.width, camera.height)
-    z = cv2.warpAffine(
-        coarse, spread, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE
-    )
-    fine = _Heights(world, center, *_slopes(camera, rotation, 1))
+
+    def full(grid: np.ndarray) -> np.ndarray:
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        return cv2.warpAffine(grid, spread, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+
+    z = full(coarse)
+    east, north = _slopes(camera, rotation, 1)
+    fine = _Heights(world, center, east, north)
     for _ in range(2):
         settled = fine.at(z)
         z = np.where(np.abs(settled - z) < 0.4, settled, z)
-    return z
+    rough = np.flatnonzero(full((most - least > 0.6).astype(np.float32)) > 0)
+    wall = np.zeros(z.shape, np.float32)
+    if len(rough):
+        # cv2 takes grids, not lists: fold the rough pixels into rows of a fixed length.
+        rough = np.resize(rough, (-(-len(rough) // 1024), 1024))
+        edge = _Heights(world, center, east.ravel()[rough], north.ravel()[rough])
+        start, end = full(most).ravel()[rough] + np.float32(0.3), full(least).ravel()[rough] - np.float32(0.3)
+        steps = [start + np.float32(k / EDGE_STEPS) * (end - start) for k in range(EDGE_STEPS + 1)]
+        low, high = _march(edge, steps)
+        exact = np.float32(0.5) * (low + high)
+        z.ravel()[rough] = exact
+        wall.ravel()[rough] = np.abs(edge.at(exact + np.float32(0.12)) - edge.at(exact - np.float32(0.12))) > 0.5
+    return z, wall
 
 
 def sample(
@@ -107,22 +132,33 @@ def sample(
     """The world's texture as the lens sees it, and the height under every pixel."""
     import cv2
 
-    z = hit(world, camera, rotation, center)
+    z, wall = hit(world, camera, rotation, center)
     east, north = _slopes(camera, rotation, 1)
     gsd = (float(center[2]) - float(np.median(z))) / camera.focal_px
-    texture, texel = world.layer(channels, gsd)
     drop = np.float32(center[2]) - z
-    rows = world.ground.shape[0] * world.ground.texel_m / texture.shape[0]
-    u = np.float32((center[0] - world.west) / texel - 0.5) + east / np.float32(texel) * drop
-    v = np.float32((world.north - center[1]) / rows - 0.5) - north / np.float32(rows) * drop
-    return cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101), z
+
+    def look_up(resolution_m: float) -> np.ndarray:
+        texture, texel = world.layer(channels, resolution_m)
+        rows = world.ground.shape[0] * world.ground.texel_m / texture.shape[0]
+        u = np.float32((center[0] - world.west) / texel - 0.5) + east / np.float32(texel) * drop
+        v = np.float32((world.north - center[1]) / rows - 0.5) - north / np.float32(rows) * drop
+        return cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+
+    seen = look_up(gsd)
+    if wall.any():
+        share = cv2.GaussianBlur(wall, (0, 0), 0.6)
+        light = np.float32(WALL_LIGHT if channels != ("thermal",) else 0.95)
+        weight = share.reshape(share.shape + (1,) * (seen.ndim - 2))
+        side = look_up(WALL_TEXEL_M) * light
+        seen = (seen + weight * (side - seen)).astype(seen.dtype)
+    return seen, z
 
 
-_NOISE = {}
+_NOISE: Dict[int, np.ndarray] = {}
 
 
 def _noise(gen: np.random.Generator, shape: Tuple[int, ...]) -> np.ndarray:
-    """Unit noise: a window, drawn at random and turned, of one large tile (drawing it anew costs more than the frame)."""
+    """Unit noise: a window at random of one large tile (drawing it anew would cost more than the frame)."""
     side = 3072
     if side not in _NOISE:
         _NOISE[side] = np.random.default_rng(7).standard_normal((side, side), dtype=np.float32)

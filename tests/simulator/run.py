@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Callable, Dict, List, Optional, Tuple, Union
+from typing import Callable, Dict, List, Optional, Set, Tuple, Union
 
 import numpy as np
 
@@ -60,7 +60,8 @@ def render(
     gcp_file = None
     if any(p.role == "gcp" for p in points):
         gcp_file = "gcp_list.txt"
-        _write(out / gcp_file, gcp_text(points, survey.gcp_header).encode("utf-8"))
+        marked = {s.path for s in survey.shots if _marked_by_hand(survey.payload(s.payload), s.band)}
+        _write(out / gcp_file, gcp_text(points, survey.gcp_header, marked).encode("utf-8"))
     truth = Truth(
         story=survey.name,
         seed=seed,
@@ -99,7 +100,7 @@ def world_of(survey: Survey, scene: Scene, seed: int) -> World:
         if shot.role == "survey":
             finest = min(finest, shot.position[2] / camera.focal_px)
     points = [p for p in survey.points if p.scene == scene.id]
-    return World.make(scene, seed, (west, south, east, north), 0.75 * finest, points)
+    return World.make(scene, seed, (west, south, east, north), finest, points)
 
 
 def render_shot(world: World, payload: Payload, shot: Shot, seed: int) -> Tuple[bytes, TrueFrame]:
@@ -176,8 +177,9 @@ def _points(survey: Survey, worlds: Dict[str, World], frames: Dict[str, TrueFram
     shots = {s.path: s for s in survey.shots}
     broken = {lie.path for lie in survey.file_lies if lie.kind not in ("copy", "rename")}
     found = []
-    for point in survey.points:
-        world = worlds[point.scene]
+    for planned in survey.points:
+        world = worlds[planned.scene]
+        point = world.points[planned.id]
         up = float(world.heights(point.east, point.north))
         xyz = np.array([point.east, point.north, up])
         marks = []
@@ -209,10 +211,18 @@ def _points(survey: Survey, worlds: Dict[str, World], frames: Dict[str, TrueFram
     return found
 
 
-def gcp_text(points: List[TruePoint], header: str) -> str:
+def _marked_by_hand(payload: Payload, band: int) -> bool:
+    """People mark targets in RGB frames and in one band of a rig, hardly ever in thermal ones."""
+    if payload.spectrum == MULTISPECTRAL:
+        names = [b.name for b in payload.bands]
+        return band == (names.index("Green") if "Green" in names else 0)
+    return payload.spectrum != THERMAL
+
+
+def gcp_text(points: List[TruePoint], header: str, marked: Set[str]) -> str:
     """ODM's ``gcp_list.txt``: a line that names the system, then x y z pixel-x pixel-y image name.
 
-    ``header`` is ``utm`` (the words ODM reads), ``epsg`` or ``wgs84``. 0, 0 is
+    Only the frames in ``marked`` get lines. ``header`` is ``utm`` (the words ODM reads), ``epsg`` or ``wgs84``. 0, 0 is
     the centre of the first pixel, as OpenSfM takes it.
     """
     zone = utm_zone(points[0].longitude)
@@ -231,6 +241,8 @@ def gcp_text(points: List[TruePoint], header: str) -> str:
         else:
             (x, y), digits = utm(point.latitude, point.longitude, zone), 4
         for mark in point.marks:
+            if mark.path not in marked:
+                continue
             name = mark.path.rsplit("/", 1)[-1]
             place = f"{x:.{digits}f} {y:.{digits}f} {point.altitude_m:.4f}"
             lines.append(f"{place} {mark.x_px:.3f} {mark.y_px:.3f} {name} {point.id}")

@@ -77,7 +77,7 @@ def _mixed(seed: int, stranger: Origin) -> Survey:
 
 
 def demo(seed: int) -> Survey:
-    """Two RGB drones that belong together, a five-band rig, thermal without focal tags, and eight strangers 3 km off."""
+    """Two RGB drones that belong together, a five-band rig, thermal without focal tags, eight strangers 3 km off."""
     return _mixed(seed, FAR)
 
 

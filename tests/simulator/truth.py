@@ -10,7 +10,7 @@ from typing import Any, Dict, Mapping, Optional, Tuple
 
 @dataclass(frozen=True)
 class TrueCamera:
-    """Optics of one frame: ``focal_ratio`` = focal px / width; centre in px from the image centre; k1, k2, p1, p2, k3."""
+    """Optics: ``focal_ratio`` = focal px / width, centre in px from the image centre, k1, k2, p1, p2, k3."""
 
     width: int
     height: int

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
 from . import ground as groundwork
-from .ground import Ground, fractal
-from .materials import CHANNELS, GRASS, GRASS_C, ID, SOIL, SOIL_C, reflectance, temperature, texture
+from .ground import Ground, fractal, strips
+from .materials import CHANNELS, DRY, DRY_C, GRASS, GRASS_C, ID, SOIL, SOIL_C, reflectance, temperature, texture
 from .survey import ControlPoint, Scene, rng
 
 SUN_AZIMUTH_DEG = 215.0
@@ -35,6 +35,7 @@ class World:
     ground: Ground
     layers: Dict[Tuple[Tuple[str, ...], int], np.ndarray] = field(default_factory=dict)
     shades: List[np.ndarray] = field(default_factory=list)
+    points: Dict[str, ControlPoint] = field(default_factory=dict)
 
     @classmethod
     def make(
@@ -51,8 +52,12 @@ class World:
         rows = 2 * math.ceil((north - south) / texel_m / 2)
         made = groundwork.make(rng(seed, "world", scene.key), rows, columns, texel_m, scene.relief, scene.buildings)
         world = cls(scene, seed, west, north, made)
+        gen = rng(seed, "targets", scene.key)
         for point in points:
-            world._paint_target(point)
+            around = (point.east - 7.0, point.north - 7.0, point.east + 7.0, point.north + 7.0)
+            east_m, north_m = world._open_ground(gen, around)
+            world.points[point.id] = replace(point, east=east_m, north=north_m)
+            world._paint_target(world.points[point.id])
         return world
 
     # --- heights -----------------------------------------------------------------
@@ -80,18 +85,21 @@ class World:
         line = line[below]
         return not len(line) or bool(np.all(self.heights(line[:, 0], line[:, 1]) < line[:, 2]))
 
-    def open_ground(self, gen: np.random.Generator, bounds: Tuple[float, float, float, float]) -> Tuple[float, float]:
-        """A place of open, even ground (east, north) for a target."""
+    def _open_ground(self, gen: np.random.Generator, bounds: Tuple[float, float, float, float]) -> Tuple[float, float]:
+        """A place of open, even ground (east, north) inside ``bounds``, off roofs, roads and trees."""
         west, south, east, north = bounds
-        free = (ID["natural"], ID["straw"], ID["pit"], ID["stone"], ID["dirt"])
-        best, best_cost = (west, south), math.inf
-        for _ in range(40):
-            e, n = gen.uniform(west, east), gen.uniform(south, north)
+        best, best_cost = ((west + east) / 2, (south + north) / 2), math.inf
+        free = [ID[name] for name in ("natural", "straw", "pit", "stone", "shrub")]
+        for _ in range(60):
+            e, n = float(gen.uniform(west, east)), float(gen.uniform(south, north))
             u, v = int((e - self.west) / self.ground.texel_m), int((self.north - n) / self.ground.texel_m)
-            r = int(1.5 / self.ground.texel_m)
+            r = int(1.2 / self.ground.texel_m)
             patch = self.ground.material[max(v - r, 0) : v + r + 1, max(u - r, 0) : u + r + 1]
-            rough = self.heights(e + gen.uniform(-2, 2, 60), n + gen.uniform(-2, 2, 60))
-            cost = float(np.ptp(rough)) + 20.0 * float(1 - np.isin(patch, free).mean())
+            rough = self.heights(e + gen.uniform(-2, 2, 40), n + gen.uniform(-2, 2, 40))
+            near = (
+                max(math.hypot(p.east - e, p.north - n) < 3.0 for p in self.points.values()) if self.points else False
+            )
+            cost = float(np.ptp(rough)) + 20.0 * float(1 - np.isin(patch, free).mean()) + 50.0 * near
             if cost < best_cost:
                 best, best_cost = (e, n), cost
         return best
@@ -107,9 +115,13 @@ class World:
         dark = (dx > 0) == (dy > 0)
         self.ground.material[ys[inside], xs[inside]] = np.where(dark, ID["target-black"], ID["target-white"])[inside]
         cu, cv = u / 2 - 0.5, v / 2 - 0.5
-        rc = int(TARGET_M / self.cell_m) + 1
-        window = self.ground.height[int(cv) - rc : int(cv) + rc + 2, int(cu) - rc : int(cu) + rc + 2]
-        window[:] = float(np.median(window))
+        # Level under the board, easing out to the ground around it within another board's width.
+        rc = int(1.5 * TARGET_M / self.cell_m) + 1
+        rows, columns = slice(int(cv) - rc, int(cv) + rc + 2), slice(int(cu) - rc, int(cu) + rc + 2)
+        yy, xx = np.mgrid[rows, columns]
+        reach = np.maximum(np.abs(xx - cu), np.abs(yy - cv)) * self.cell_m / TARGET_M
+        window = self.ground.height[rows, columns]
+        window += (np.clip(2.6 - 2.0 * reach, 0.0, 1.0) * (float(np.median(window)) - window)).astype(np.float32)
 
     # --- textures ----------------------------------------------------------------
 
@@ -139,44 +151,73 @@ class World:
         self.shades = [shade, shadow]
         return shade
 
-    def _reflective(self, channel: str) -> np.ndarray:
-        """Light leaving every texel in one channel, float32 about 0..1."""
+    def _own(self, channel: str, coarse_m: float, gain: float) -> np.ndarray:
+        """What only one channel sees: noise of unit spread that no other channel shares."""
+        import cv2
+
+        rows, columns = self.ground.shape
+        half = fractal(
+            rng(self.seed, self.scene.key, "own", channel), (rows // 2, columns // 2), self.cell_m, coarse_m, gain
+        )
+        return cv2.resize(half, (columns, rows), interpolation=cv2.INTER_LINEAR)
+
+    def _reflective(self, channel: str, out: np.ndarray, gamma: float) -> None:
+        """Light leaving every texel in one channel, 0..1 to the power 1/``gamma``, over the range of ``out``."""
         import cv2
 
         ground, index = self.ground, CHANNELS.index(channel)
-        own = fractal(rng(self.seed, self.scene.key, "own", channel[-4:]), ground.shape, ground.texel_m, 2.0, 0.8)
+        own, shade = self._own(channel, 2.0, 0.8), self._shade()
+        tables = reflectance(channel), texture()
         # The plants' vigour shows in the infrared as brightness and in the red as darkness.
-        vigour = {"ms-nir": 0.34, "ms-rededge": 0.16, "ms-red": -0.22, "red": -0.08}.get(channel, 0.05)
-        value = (SOIL[index] * (1.0 + 0.55 * ground.tone)) * (1.0 - ground.grass)
-        value += ground.grass * GRASS[index] * (1.0 + (vigour + 0.2) * ground.tone + vigour * own)
-        value = np.where(ground.material == 0, value, cv2.LUT(ground.material, reflectance(channel)))
-        strength = cv2.LUT(ground.material, texture())
-        value *= 1.0 + strength * (0.17 * ground.detail + 0.05 * own)
-        value *= self._shade()
-        return np.clip(value, 0.004, 1.0)
+        vigour = np.float32({"ms-nir": 0.18, "ms-rededge": 0.10, "ms-red": -0.14, "red": -0.05}.get(channel, 0.04))
+        full = np.float32(np.iinfo(out.dtype).max)
+        for rows in strips(out.shape[0]):
+            material, tone, mine = ground.material[rows], ground.tone[rows], own[rows]
+            value = np.float32(SOIL[index]) * (1 + np.float32(0.6) * tone)
+            plants = np.float32(GRASS[index]) + np.float32(DRY[index] - GRASS[index]) * ground.dry[rows]
+            plants *= 1 + (vigour + np.float32(0.2)) * tone + vigour * mine
+            value += ground.grass[rows] * (plants - value)
+            np.copyto(value, cv2.LUT(material, tables[0]), where=material != 0)
+            fine = np.float32(0.24) * ground.detail[rows] + np.float32(0.05) * mine
+            value *= (1 + cv2.LUT(material, tables[1]) * fine) * shade[rows]
+            np.clip(value, np.float32(0.004), np.float32(1.0), out=value)
+            out[rows] = full * (value if gamma == 1.0 else cv2.pow(value, 1.0 / gamma)) + np.float32(0.5)
 
-    def _temperature(self) -> np.ndarray:
+    def _temperature(self, out: np.ndarray) -> None:
+        """Surface temperature over ``THERMAL_RANGE_C`` as 16-bit counts."""
         import cv2
 
         ground = self.ground
-        own = fractal(rng(self.seed, self.scene.key, "warmth"), ground.shape, ground.texel_m, 8.0, 0.75)
-        soil = SOIL_C - 4.0 * ground.tone
-        value = soil + ground.grass * (GRASS_C - soil - 2.0 * ground.tone) + 1.1 * own
-        value = np.where(ground.material == 0, value, cv2.LUT(ground.material, temperature()) + 0.6 * own)
-        value += 0.5 * cv2.LUT(ground.material, texture()) * ground.detail
+        own = self._own("warmth", 8.0, 0.75)
         self._shade()
-        shadow = cv2.resize(self.shades[1], (ground.shape[1], ground.shape[0]), interpolation=cv2.INTER_LINEAR)
-        value -= 7.0 * shadow
-        return cv2.GaussianBlur(value, (0, 0), 0.10 / ground.texel_m)
+        shadow = cv2.resize(self.shades[1], (out.shape[1], out.shape[0]), interpolation=cv2.INTER_LINEAR)
+        celsius = np.empty(out.shape, np.float32)
+        for rows in strips(out.shape[0]):
+            material, tone = ground.material[rows], ground.tone[rows]
+            value = SOIL_C - np.float32(4.0) * tone
+            plants = GRASS_C + np.float32(DRY_C - GRASS_C) * ground.dry[rows] - np.float32(2.0) * tone
+            value += ground.grass[rows] * (plants - value)
+            np.copyto(value, cv2.LUT(material, temperature()), where=material != 0)
+            value += np.float32(0.5) * cv2.LUT(material, texture()) * ground.detail[rows]
+            celsius[rows] = value + np.float32(0.9) * own[rows] - np.float32(7.0) * shadow[rows]
+        celsius = cv2.GaussianBlur(celsius, (0, 0), 0.10 / ground.texel_m)
+        low, high = THERMAL_RANGE_C
+        for rows in strips(out.shape[0]):
+            out[rows] = np.clip((celsius[rows] - low) / (high - low), 0, 1) * 65535
 
     def _base(self, channels: Tuple[str, ...]) -> np.ndarray:
         if channels == ("thermal",):
-            low, high = THERMAL_RANGE_C
-            return (np.clip((self._temperature() - low) / (high - low), 0, 1) * 65535).astype(np.uint16)
+            counts = np.empty(self.ground.shape, np.uint16)
+            self._temperature(counts)
+            return counts
         if channels[0].startswith("ms-"):
-            return (self._reflective(channels[0]) * 65535).astype(np.uint16)
-        planes = [(255.0 * self._reflective(c) ** np.float32(1 / GAMMA) + 0.5).astype(np.uint8) for c in channels]
-        return np.dstack(planes)
+            counts = np.empty(self.ground.shape, np.uint16)
+            self._reflective(channels[0], counts, 1.0)
+            return counts
+        image = np.empty((*self.ground.shape, len(channels)), np.uint8)
+        for index, channel in enumerate(channels):
+            self._reflective(channel, image[..., index], GAMMA)
+        return image
 
     def layer(self, channels: Tuple[str, ...], gsd_m: float) -> Tuple[np.ndarray, float]:
         """The texture of a channel set whose texel suits ``gsd_m``, and that texel (m).
