@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -149,7 +150,8 @@ class Sheet:
         """The rows that fit best and equally well, each with the width and match for this size.
 
         A row is out where it names a spectrum, band, image source, lens or
-        serial that contradicts a given one. Of the rest the best kind of size
+        serial that contradicts a given one (a band that no row names is not
+        asked for). Of the rest the best kind of size
         match stays; then, where a fixed focal length is known, the rows that
         agree with ``focal_mm`` within ``focal_split``; then the most specific.
         """
@@ -162,6 +164,8 @@ class Sheet:
                 fitting.append(fitted)
         if any(r.origin == USER for r in fitting):
             fitting = [r for r in fitting if r.origin == USER]
+        if not fitting and band:
+            return self.candidates(make, model, width, height, lens, spectrum, image_source, focal_mm, "", serial)
         if not fitting:
             return ()
         best = min(_MATCHES.index(r.match) for r in fitting)
@@ -248,6 +252,28 @@ def _agrees(row: SheetRow, lens: str, spectrum: str, image_source: str, band: st
 
 def _specificity(row: SheetRow) -> int:
     return 4 * bool(row.serial) + 2 * bool(row.lenses) + bool(row.band)
+
+
+@functools.lru_cache(maxsize=256)
+def general_width_mm(make: str, model: str, width: int, height: int) -> Optional[float]:
+    """Sensor width of a camera that the sheet does not have, by lensfun's database where lensfunpy is installed.
+
+    The database gives the crop factor (full-frame diagonal over sensor
+    diagonal, two decimals), so the width follows from the frame's aspect:
+    right within about 2 %, and only for frames that show the whole sensor.
+    ``None`` without lensfunpy or for an unknown camera.
+    """
+    try:
+        import lensfunpy
+    except ImportError:
+        return None
+    if not make or not model or width <= 0 or height <= 0:
+        return None
+    cameras = lensfunpy.Database().find_cameras(make, model)
+    factors = {round(float(c.crop_factor), 3) for c in cameras if c.crop_factor > 0}
+    if len(factors) != 1:
+        return None
+    return math.hypot(36.0, 24.0) / factors.pop() * width / math.hypot(width, height)
 
 
 @functools.lru_cache(maxsize=1)
