@@ -92,6 +92,15 @@ class Thresholds:
         0.025, "ratio", "one camera's resampled size this near to its other size becomes that size: half the GSD trigger"
     )
     channel_offset_dn: float = _number(15.0, "DN of 255", "mean channel offset above which histograms are matched")
+    tone_pairs: int = _number(8, "pairs", "frame pairs of the same ground that a tone comparison reads; more change little")
+    tone_min_pairs: int = _number(3, "pairs", "fewer pairs show scenery, not a sensor's offset")
+    tone_pair_distance: float = _number(
+        0.5, "ratio of radius", "centres nearer than this: the two discs share two thirds of their ground"
+    )
+    light_pair_distance: float = _number(
+        1.0, "ratio of radius", "centres of neighbouring strips; a median over them still shows a drift of the light"
+    )
+    tone_sample_px: int = _number(400, "px", "shorter side at which tones are read: a mean needs no detail")
     lut_max_slope: float = _number(4.0, "DN per DN", "a steeper table amplifies noise and JPEG blocks")
     jpeg_quality: int = _number(95, "libjpeg quality", "re-encoding loss stays below sensor noise")
 
@@ -156,6 +165,9 @@ class Thresholds:
     gcp_min_points: int = _number(5, "points", "fewer cannot replace the GPS that ODM then switches off")
     gcp_min_images: int = _number(3, "images", "a point in fewer images is not fixed in height")
     gcp_hull_share: float = _number(0.30, "ratio of block area", "points over a smaller part let the rest tilt")
+    gcp_min_points_without_gps: int = _number(3, "points", "a similarity needs three where there is no GPS to lose")
+    gcp_far_m: float = _number(1000.0, "m", "no survey frame sees a point this far from its own position")
+    max_text_bytes: int = _number(16 * 1024 * 1024, "bytes", "a gcp_list.txt or geo.txt larger than this is not read")
 
     # --- input bounds ------------------------------------------------------------
     max_xmp_bytes: int = _number(4 * 1024 * 1024, "bytes", "an XMP packet larger than this is not read")

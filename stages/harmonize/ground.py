@@ -20,7 +20,7 @@ from .units import Group
 
 @dataclass(frozen=True)
 class Pair:
-    """Two frames whose centres lie ``apart`` radii from each other; ``gap_s`` is the second's time minus the first's."""
+    """Two frames whose centres lie ``apart`` radii apart; ``gap_s`` is the second's time minus the first's."""
 
     first: str
     second: str
@@ -74,7 +74,7 @@ def pairs_between(a: Group, b: Group, files: Mapping[str, Frame], limits: Thresh
 def pairs_within(
     group: Group, files: Mapping[str, Frame], limits: Thresholds
 ) -> Tuple[Tuple[Pair, ...], Tuple[Pair, ...]]:
-    """Return a flight's pairs of the same ground, longest time between them first: close ones, and neighbouring strips."""
+    """Return a flight's close pairs and its pairs of neighbouring strips, longest time between them first."""
     reach, frames = radius_m(group), _placed(group, files, limits)
     if reach is None or len(frames) < 2:
         return (), ()
