@@ -177,8 +177,6 @@ class HeaderSource(ByteSource):
     the file has no bytes.
     """
 
-    complete = False
-
     def __init__(self, ranges: Mapping[int, bytes], size: int) -> None:
         self.size = size
         if size <= 0:
@@ -195,6 +193,7 @@ class HeaderSource(ByteSource):
             else:
                 self._starts.append(start)
                 self._parts.append(data)
+        self.complete = self._starts[:1] == [0] and len(self._parts[0]) == size
 
     def _part(self, offset: int, length: int) -> Optional[Tuple[int, bytes]]:
         index = bisect.bisect_right(self._starts, offset) - 1
