@@ -15,7 +15,7 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, List, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, List, Optional, Sequence, Set, Tuple, Union
 
 from . import record
 from .thresholds import DEFAULTS, Thresholds
@@ -120,8 +120,8 @@ class Sheet:
     thresholds: Thresholds = DEFAULTS
 
     @functools.cached_property
-    def _index(self) -> "dict[Tuple[str, str], List[SheetRow]]":
-        index: "dict[Tuple[str, str], List[SheetRow]]" = {}
+    def _index(self) -> Dict[Tuple[str, str], List[SheetRow]]:
+        index: Dict[Tuple[str, str], List[SheetRow]] = {}
         for row in self.rows:
             for make in row.makes:
                 for model in row.models:
@@ -130,9 +130,23 @@ class Sheet:
                         rows.append(row)
         return index
 
+    @functools.cached_property
+    def _sizes(self) -> Dict[Tuple[str, Size], Set[str]]:
+        sizes: Dict[Tuple[str, Size], Set[str]] = {}
+        for row in self.rows:
+            for make in row.makes:
+                for size in row.sizes if row.spectrum else ():
+                    sizes.setdefault((_plain_make(make), size), set()).add(row.spectrum)
+        return sizes
+
     def rows_for(self, make: str, model: str) -> Tuple[SheetRow, ...]:
         """All rows of a make and model, whatever their spectrum and size."""
         return tuple(self._index.get((_plain_make(make), _plain_model(make, model)), ()))
+
+    def spectra_of_size(self, make: str, width: int, height: int) -> Tuple[str, ...]:
+        """The spectra of all cameras of a make that write frames of this size: a hint for a model not in the sheet."""
+        maker = _plain_make(make)
+        return tuple(sorted(self._sizes.get((maker, (width, height)), ()))) if maker else ()
 
     def candidates(
         self,

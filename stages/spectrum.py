@@ -76,7 +76,8 @@ _BOLOMETER_SIZES = frozenset(
 
 _THERMAL_SOURCES = ("infrared", "thermal", "ircamera")
 _RGB_SOURCES = ("wide", "zoom", "visible", "rgb", "tele", "nightvision", "mediumtele", "default")
-_MS_SOURCES = ("mscamera", "multispectral", "nir")
+_MS_SOURCES = ("ms", "multispectral", "nir", "ndvi")
+_MS_SOURCE = re.compile(r"^ms(g|r|re|nir|b)(?:camera)?$")
 
 _BAND_SUFFIX = re.compile(r"[_-](?:MS[_-])?(BLUE|BLU|GREEN|GRE|RED|REDEDGE|REG|RE|NIR|B|G|R|N|PAN)$", re.IGNORECASE)
 _THERMAL_NAME = re.compile(r"(?:[_-](?:T|R|IR|THRM|THERMAL|TIR|LWIR)$)|thermal|lwir", re.IGNORECASE)
@@ -100,6 +101,7 @@ def classify(frame: Frame, sheet: Sheet, thresholds: Thresholds = DEFAULTS) -> S
         or _by_image_source(frame, rows)
         or _by_payload(frame, thresholds)
         or _by_sheet(frame, rows)
+        or _by_maker(frame, sheet)
         or _by_pixels(frame)
         or _by_file_name(frame)
         or Spectrum(RGB, RGB, "nothing in the file speaks of another spectrum")
@@ -193,7 +195,8 @@ def _by_image_source(frame: Frame, rows: Tuple[SheetRow, ...]) -> Optional[Spect
     if any(word in source for word in _THERMAL_SOURCES):
         return Spectrum(THERMAL, LWIR, said)
     if any(source.startswith(word) for word in _MS_SOURCES) and frame.channels == 1:
-        band = _suffix_band(frame) or _one_band(rows) or MONO
+        hit = _MS_SOURCE.match(source)
+        band = _BANDS[hit.group(1)] if hit else _suffix_band(frame) or _one_band(rows) or MONO
         return Spectrum(MULTISPECTRAL, band, said)
     if any(source.startswith(word) for word in _RGB_SOURCES) and frame.channels >= 3:
         return Spectrum(RGB, RGB, said)
@@ -221,6 +224,17 @@ def _by_sheet(frame: Frame, rows: Tuple[SheetRow, ...]) -> Optional[Spectrum]:
             return Spectrum(MULTISPECTRAL, named or _rig_band(frame, fitting), f"{said}; the band is the file name's")
         return Spectrum(MULTISPECTRAL, _one_band(tuple(fitting)) or MONO, said)
     return Spectrum(row.spectrum, row.band or (LWIR if row.spectrum == THERMAL else RGB), said)
+
+
+def _by_maker(frame: Frame, sheet: Sheet) -> Optional[Spectrum]:
+    """A model that the sheet does not have, in a size that its maker gives to thermal cameras alone."""
+    make, model = frame.make or frame.xmp_make, frame.model or frame.xmp_model
+    if sheet.rows_for(make, model) or not _is_bolometer(frame):
+        return None
+    if sheet.spectra_of_size(make, frame.width, frame.height) != (THERMAL,):
+        return None
+    size = f"{frame.width}x{frame.height}"
+    return Spectrum(THERMAL, LWIR, f"every camera of {make} in the calibration sheet that writes {size} is thermal")
 
 
 def _by_pixels(frame: Frame) -> Optional[Spectrum]:

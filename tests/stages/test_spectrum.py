@@ -118,6 +118,12 @@ CASES = [
         ("multispectral", "rededge"),
     ),
     (
+        "M3M band by the name of its camera",
+        mono("x.tif", 2592, 1944, make="DJI", model="M3M", image_source="MSRECamera"),
+        ("multispectral", "rededge"),
+    ),
+    ("M3M colour", frame(width=5280, height=3956, make="DJI", model="M3M", image_source="RGBCamera"), ("rgb", "rgb")),
+    (
         "RedEdge band by its place in the rig",
         mono("IMG_0042_4.tif", make="MicaSense", model="RedEdge"),
         ("multispectral", "nir"),
@@ -144,6 +150,10 @@ CASES = [
     ("a name alone makes no thermal frame", frame("DJI_0001_T.JPG", 4000, 3000), ("rgb", "rgb")),
     ("small colour picture", frame("photo.jpg", 640, 480), ("rgb", "rgb")),
     ("near infrared converted", frame(make="Canon", model="Canon PowerShot S110"), ("rgb", "rgb")),
+    ("unknown model of a maker", frame(width=640, height=512, make="DJI", model="M99T"), ("thermal", "lwir")),
+    ("unknown handheld", frame(width=320, height=240, make="FLIR", model="FLIR E8"), ("thermal", "lwir")),
+    ("unknown model in another size", frame(make="DJI", model="M99T"), ("rgb", "rgb")),
+    ("size alone", frame(width=640, height=512, make="Nobody", model="X"), ("rgb", "rgb")),
     ("nothing known", frame(), ("rgb", "rgb")),
 ]
 
