@@ -96,7 +96,7 @@ def inspect(
 ) -> Inspection:
     """Read, group and assess; nothing is written."""
     found = scan(list(paths), progress=progress, cancel=cancel)
-    control = read_control(settings.gcp, settings.geo, found.frames)
+    control = read_control(settings.gcp, settings.geo, found.frames, settings.thresholds)
     survey = build(
         replace(found, frames=control.frames),
         load_sheet(settings.calibration, settings.thresholds),

@@ -15,11 +15,11 @@ from ..stages.finding import Finding
 from ..stages.gate import is_rtk_fixed
 from ..stages.grouping import slug
 from ..stages.harmonize.model import HarmonizedFrame, HarmonizePlan
-from ..stages.intrinsics import Intrinsics
+from ..stages.intrinsics import SOURCES, Intrinsics
 from ..stages.profile import MULTISPECTRAL, CameraProfile
 from ..stages.read import read_frame
 from ..stages.record import to_plain
-from ..stages.route import CameraHold, ProvenGroup
+from ..stages.route import ProvenGroup
 from ..stages.survey import Survey
 from .control import Control
 from .odm.camera_id import camera_id, file_key
@@ -88,19 +88,17 @@ def frames_of(item: Placed, survey: Survey) -> Tuple[str, ...]:
     )
 
 
-def _decisions(
-    proven: ProvenGroup, profiles: Sequence[CameraProfile], copies: Mapping[str, Tuple[int, int]]
-) -> Dict[str, CameraDecision]:
+def _decisions(proven: ProvenGroup, profiles: Sequence[CameraProfile]) -> Dict[str, CameraDecision]:
     """What is known of each profile's camera: what the alignment decided, else its own best source."""
     decided: Dict[str, CameraDecision] = {}
-    holds: Dict[str, CameraHold] = {h.profile: h for h in proven.cameras}
+    holds = {h.profile: h for h in proven.locked}
     for profile in profiles:
         hold = holds.get(profile.id)
         if hold is not None:
             decided[profile.id] = CameraDecision(
                 profile=profile.id,
-                focal_ratio=hold.focal_ratio,
-                focal_source=hold.focal_source,
+                focal_ratio=hold.focal_ratio * max(profile.width, profile.height) / profile.width,
+                focal_source=_focal_source(hold.source),
                 center_ratio=hold.center_ratio,
                 distortion=hold.distortion,
                 projection=profile.intrinsics.projection,
@@ -112,6 +110,11 @@ def _decisions(
             why = f"{profile.id}: focal and distortion from {focal.focal_source}" if focal.complete else ""
             decided[profile.id] = decision_from_intrinsics(profile.id, focal, lock=focal.complete, reason=why)
     return decided
+
+
+def _focal_source(text: str) -> str:
+    """The focal's source out of a decision's words; what the alignment found by itself is ``solved``."""
+    return next((word for word in text.replace(",", " ").split() if word in SOURCES), "solved")
 
 
 def _link(source: Path, target: Path) -> None:
@@ -178,7 +181,7 @@ def _write_one(
         headers.append(ProjectFrame(read_frame(target, path), where.profile, where.profile == primaries[where.payload]))
     used = {at[p].profile for p in paths}
     profiles = [p for p in survey.profiles if p.id in used]
-    decisions = _decisions(item.proven, profiles, {p: (copies[p].width, copies[p].height) for p in paths})
+    decisions = _decisions(item.proven, profiles)
     calibration = calibration_for(headers, decisions, settings.thresholds)
     ground = control.for_project(
         name, paths, copies, survey, settings.thresholds, primary={h.frame.path for h in headers if h.primary}
