@@ -51,7 +51,9 @@ def match_graph(found: Mapping[str, Any], least: float, colour: Colours) -> str:
         )
         spot = ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2)
         body.append(svg.rectangle(spot[0] - 19, spot[1] - 11, 38, 22, "plate"))
-        body.append(svg.text(spot[0], spot[1] + 4.5, figure(inliers, 0), "strong" if strong else "strong bad", "middle"))
+        body.append(
+            svg.text(spot[0], spot[1] + 4.5, figure(inliers, 0), "strong" if strong else "strong bad", "middle")
+        )
         words.append(f"{pair['a']} to {pair['b']}: {figure(inliers, 0)}")
     own = {p["a"]: p["inliers_median"] for p in pairs if p["a"] == p["b"]}
     for node in nodes:
@@ -93,7 +95,9 @@ def gps_chart(found: Mapping[str, Any], colour: Colours) -> str:
             body.append(svg.circle((place(alone), y - 3), 5.5, f"ring {css}"))
         if together is not None:
             body.append(svg.circle((place(together), y - 3), 4.2, f"dot {css}"))
-        words.append(f"{name} {word}: {figure(together, 2)} m together, {figure(alone, 2)} m alone, limit {figure(limit, 1)} m")
+        words.append(
+            f"{name} {word}: {figure(together, 2)} m together, {figure(alone, 2)} m alone, limit {figure(limit, 1)} m"
+        )
     body.extend(_axis(place, top, left, y + 12, "m"))
     return svg.figure(WIDTH, y + 32, f"GPS residual per payload. {'; '.join(words)}.", body)
 
@@ -123,7 +127,11 @@ def residual_chart(view: View, found: Mapping[str, Any], colour: Colours) -> str
     ]
     if limit is not None:
         body.append(svg.circle(middle, limit * scale, "limit-circle"))
-        body.append(svg.text(middle[0] + limit * scale * 0.71 + 4, middle[1] + limit * scale * 0.71 + 10, f"{limit:g} m", "tick"))
+        body.append(
+            svg.text(
+                middle[0] + limit * scale * 0.71 + 4, middle[1] + limit * scale * 0.71 + 10, f"{limit:g} m", "tick"
+            )
+        )
     body.append(svg.text(middle[0] + 4, middle[1] - radius + 9, "N", "tick"))
     spots: Dict[int, List[svg.Point]] = {}
     stride = max(1, math.ceil(len(known) / MOST_POINTS))
@@ -135,7 +143,8 @@ def residual_chart(view: View, found: Mapping[str, Any], colour: Colours) -> str
         spots.setdefault(number, []).append((middle[0] + east * pull * scale, middle[1] - north * pull * scale))
     body.extend(svg.dots(spots[n], svg.colour_class(n), 4.0) for n in sorted(spots))
     median = lengths[len(lengths) // 2]
-    title = f"Camera positions against GPS from above: {len(known):,} frames, median {median:.2f} m, largest {lengths[-1]:.2f} m."
+    figures = f"{len(known):,} frames, median {median:.2f} m, largest {lengths[-1]:.2f} m"
+    title = f"Camera positions against GPS from above: {figures}."
     return svg.figure(WIDTH, height, title, body)
 
 
@@ -160,11 +169,13 @@ def bowing_chart(found: Mapping[str, Any], sigma: float) -> str:
     body.append(svg.line((left, middle), (right, middle), "track"))
     body.append(svg.polyline(curve(bow), "bend" if abs(bow) <= band or not band else "bend called"))
     for value in (-top / 1.15, 0.0, top / 1.15):
-        body.append(svg.text(left - 6, middle - half * value / top + 4, f"{value:+.2f}" if value else "0 m", "tick", "end"))
+        body.append(
+            svg.text(left - 6, middle - half * value / top + 4, f"{value:+.2f}" if value else "0 m", "tick", "end")
+        )
     ends = f"{radius:.0f} m" if radius else "edge"
     body.append(svg.text(left, 128, ends, "tick"))
     body.append(svg.text((left + right) / 2, 128, "centre", "tick", "middle"))
     body.append(svg.text(right, 128, ends, "tick", "end"))
-    said = "within" if band and abs(bow) <= band else "beyond"
-    title = f"Bowing {bow:+.2f} m from centre to edge, {said} the band of {sigma:g} standard errors (± {band:.2f} m). Heights exaggerated."
+    where = "within" if band and abs(bow) <= band else "beyond"
+    title = f"Bowing {bow:+.2f} m from centre to edge, {where} {sigma:g} standard errors (± {band:.2f} m)."
     return svg.figure(WIDTH, 136, title, body)

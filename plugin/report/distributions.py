@@ -116,5 +116,7 @@ def focal_chart(view: View, colour: Colours) -> str:
     y += 6
     for value in svg.ticks(-100 * reach, 100 * reach, 5):
         body.append(svg.line((place(value / 100), y - 4), (place(value / 100), y), "axis"))
-        body.append(svg.text(place(value / 100), y + 14, f"{value:+g} %" if abs(value) > 1e-9 else "mean", "tick", "middle"))
+        body.append(
+            svg.text(place(value / 100), y + 14, f"{value:+g} %" if abs(value) > 1e-9 else "mean", "tick", "middle")
+        )
     return svg.figure(WIDTH, y + 20, f"Focal tags around their mean. {'; '.join(words)}.", body)

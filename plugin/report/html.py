@@ -11,17 +11,27 @@ from ...stages.errors import MissingDependency
 from ...stages.thresholds import Thresholds
 from . import charts, distributions, story, survey_map, svg
 from .previews import AFTER, BEFORE, MOST_BYTES, MOST_PREVIEWS, preview_key
-from .view import ROUTE_WORDS, SOURCE_WORDS, SPECTRUM_WORDS, View, figure, listing, plural, share
+from .view import ROUTE_WORDS, SOURCE_WORDS, SPECTRUM_WORDS, View, figure, listing, plural
 
 HERE = Path(__file__).resolve().parent
 MOST_LISTED = 400
 MOST_SUBJECTS = 40
 MOST_GROUPS = 120
 MOST_ROWS = 300
+MATCH_CAPTION = (
+    "Numbers are median verified matches per pair of frames; inside a circle, within that payload. "
+    "Dashed: fewer than the {:g} needed."
+)
+GPS_CAPTION = (
+    "Dot: in the joint model. Ring: that payload alone. Bar: the limit. "
+    "A dot far right of its ring is an offset between payloads."
+)
+RESIDUAL_CAPTION = "Each dot is a frame, seen from above; the circle is the limit."
+BOWING_CAPTION = "Cross-section of the block's bend, exaggerated; inside the band it cannot be told from flat."
 ROUTE_ADVICE = {
     "proceed": "Reconstructed on a trial alignment: queue it.",
     "pairwise": "Joined step by step; queue it and look at the seams between payloads.",
-    "isolate": "Does not fit the others and runs on its own. Put the products on one grid afterwards with sensorgate fuse.",
+    "isolate": "Does not fit the others: it runs on its own, and sensorgate fuse puts the products on one grid.",
     "unproven": "Nothing proves yet that it reconstructs. It is submitted only when unproven projects are asked for.",
 }
 
@@ -45,9 +55,12 @@ def render(report: Mapping[str, Any], previews: Mapping[str, bytes] = {}) -> str
         undefined=jinja2.StrictUndefined,
     )
     view = View(dict(report))
-    environment.filters.update(figure=figure, listing=listing, share=share, plural=plural, short=svg.shortened, csp_hash=_csp_hash)
+    environment.filters.update(figure=figure, listing=listing, plural=plural, csp_hash=_csp_hash)
     environment.globals.update(
-        spectrum_words=SPECTRUM_WORDS, route_words=ROUTE_WORDS, route_advice=ROUTE_ADVICE, source_words=SOURCE_WORDS,
+        spectrum_words=SPECTRUM_WORDS,
+        route_words=ROUTE_WORDS,
+        route_advice=ROUTE_ADVICE,
+        source_words=SOURCE_WORDS,
         spread=story.spread_words,
     )
     return environment.get_template("report.html").render(
@@ -68,7 +81,7 @@ def _csp_hash(script: str) -> str:
 
 def _trusted(jinja2: Any, markup: str) -> Any:
     """Mark text of our own as HTML: a file beside this module, or a drawing that escaped what it was given."""
-    return jinja2.utils.markupsafe.Markup(markup)  # noqa: S704
+    return jinja2.utils.markupsafe.Markup(markup)
 
 
 def _context(view: View) -> Dict[str, Any]:
@@ -81,6 +94,7 @@ def _context(view: View) -> Dict[str, Any]:
         "headline": headline,
         "detail": detail,
         "comparisons": story.comparisons(view),
+        "odm_notes": (report.get("odm") or {}).get("notes", []),
         "rows": view.payload_rows(),
         "colour": {p: svg.colour_class(i) for p, i in charts.colours(view).items()},
         "layer": charts.colours(view),
@@ -157,17 +171,13 @@ def _drawings(view: View, jinja2: Any) -> Dict[str, Any]:
         found = project["alignment"]
         if not found:
             continue
+        least = limit.get("min_inliers", 30)
         drawn = (
-            ("Matches between payloads", "Numbers are median verified matches per pair of frames; inside a circle, within that payload. "
-             f"Dashed: fewer than the {limit.get('min_inliers', 30):g} needed.",
-             charts.match_graph(found, limit.get("min_inliers", 30), colour)),
-            ("GPS fit by payload", "Dot: in the joint model. Ring: that payload alone. Bar: the limit. A dot far right of its ring "
-             "is an offset between payloads.", charts.gps_chart(found, colour)),
-            ("Camera positions against GPS", "Each dot is a frame, seen from above; the circle is the limit.",
-             charts.residual_chart(view, found, colour)),
-            ("Bowing", "Cross-section of the block's bend, exaggerated; inside the band it cannot be told from flat.",
-             charts.bowing_chart(found, limit.get("bowing_sigma", 3.0))),
-        )  # fmt: skip
+            ("Matches between payloads", MATCH_CAPTION.format(least), charts.match_graph(found, least, colour)),
+            ("GPS fit by payload", GPS_CAPTION, charts.gps_chart(found, colour)),
+            ("Camera positions against GPS", RESIDUAL_CAPTION, charts.residual_chart(view, found, colour)),
+            ("Bowing", BOWING_CAPTION, charts.bowing_chart(found, limit.get("bowing_sigma", 3.0))),
+        )
         projects[project["name"]] = [(t, c, _trusted(jinja2, d)) for t, c, d in drawn if d]
     return {
         "maps": [(_trusted(jinja2, m.drawing), m.caption) for m in survey_map.site_maps(view)],

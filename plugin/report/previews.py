@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
+
+from ...stages.harmonize.model import HarmonizedFrame
 
 BEFORE, AFTER = "before", "after"
 MOST_PREVIEWS = 12
@@ -33,25 +35,23 @@ def chosen(report: Mapping[str, Any], most: int = MOST_PREVIEWS) -> List[str]:
     return [sorted(flights[f])[len(flights[f]) // 2] for f in sorted(flights)][:most]
 
 
-def collect(
-    report: Mapping[str, Any], original: Callable[[str], Optional[PathLike]], out: PathLike, most: int = MOST_PREVIEWS
-) -> Dict[str, bytes]:
-    """Crops of the same ground from the original and from the written copy.
+def previews_of(report: Mapping[str, Any], copies: Mapping[str, HarmonizedFrame]) -> Dict[str, bytes]:
+    """Crops of the same ground from originals and copies, for ``html.render``.
 
-    ``original`` gives the file of a frame's ``path`` or ``None``; ``out`` is the
-    folder that ``output`` is relative to. A frame that cannot be shown is left
-    out without a word: a picture never stops a report.
+    ``copies`` maps a frame's path, which names the original, to its copy. A
+    frame that cannot be shown is left out without a word: a picture never
+    stops a report.
     """
-    frames = {f["path"]: f for f in report["frames"]}
     found: Dict[str, bytes] = {}
-    for path in chosen(report, most):
-        source = original(path)
-        target = Path(out) / frames[path]["output"]
-        if source is None:
+    for path in chosen(report):
+        if path not in copies:
             continue
-        pair = crop_pair(source, target)
-        if pair is not None:
-            found[preview_key(path, BEFORE)], found[preview_key(path, AFTER)] = pair
+        copy = copies[path]
+        # New pixels show in a crop, a new brightness shows in the whole frame.
+        resampled = copy.how == "resampled"
+        pair = crop_pair(path, copy.file) if resampled else (thumbnail(path), thumbnail(copy.file))
+        if pair is not None and pair[0] is not None and pair[1] is not None:
+            found[preview_key(path, BEFORE)], found[preview_key(path, AFTER)] = pair[0], pair[1]
     return found
 
 
@@ -82,7 +82,7 @@ def thumbnail(path: PathLike, longest_px: int = CROP_WIDTH) -> Optional[bytes]:
             image.draft("RGB", (longest_px, longest_px))
             image.thumbnail((longest_px, longest_px))
             pixels = np.asarray(image)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except Exception:  # Pillow's decoders raise almost anything on a damaged file; a picture is never worth a report
         return None
     return _jpeg(pixels, None if pixels.dtype == np.uint8 else _stretch([pixels]))
 
@@ -94,7 +94,7 @@ def _size(path: PathLike) -> Optional[Tuple[int, int]]:
     try:
         with Image.open(path) as image:
             width, height = image.size
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except Exception:  # Pillow's decoders raise almost anything on a damaged file; a picture is never worth a report
         return None
     return (width, height) if 0 < width * height <= MOST_DECODED_PIXELS else None
 
@@ -111,7 +111,7 @@ def _middle(path: PathLike, share: Tuple[float, float]) -> Optional["np.ndarray[
             if part.mode in ("P", "CMYK", "YCbCr", "LAB", "RGBA", "LA", "1"):
                 part = part.convert("RGB")
             return np.asarray(part)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except Exception:  # Pillow's decoders raise almost anything on a damaged file; a picture is never worth a report
         return None
 
 

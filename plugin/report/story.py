@@ -37,41 +37,37 @@ def verdict(view: View) -> Tuple[str, str]:
     """The verdict in one plain sentence, and a second one that says where things stand."""
     report = view.report
     frames = plural(len(report["frames"]), "frame")
-    cameras = plural(len(report["profiles"]), "camera")
-    projects = report["subprojects"]
-    if report["verdict"] == "blocked":
-        first = next((f["message"] for f in report["findings"] if f["severity"] == "error"), "No usable frame was found.")
-        return "Blocked: nothing here can be reconstructed yet.", first
     spectra = [SPECTRUM_WORDS[s] for s in view.spectra()]
+    if report["verdict"] == "blocked":
+        errors = [f["message"] for f in report["findings"] if f["severity"] == "error"]
+        return "Blocked: nothing here can be reconstructed yet.", (errors or ["No usable frame was found."])[0]
     if report["verdict"] == "consistent":
-        headline = f"Consistent: these {frames} are safe to queue."
-    elif len(projects) > 1:
-        headline = f"Do not queue this folder as one project: it holds {len(projects)} projects."
+        headline = f"Consistent: {'this' if len(report['frames']) == 1 else 'these'} {frames} can be queued."
+    elif len(report["subprojects"]) > 1:
+        headline = f"Do not queue this folder as one project: it holds {len(report['subprojects'])} projects."
+    elif len(spectra) > 1:
+        headline = f"Do not queue this folder as one project: it mixes {listing(spectra)} frames."
     else:
-        headline = "Do not queue this folder as it is: it needs the changes below."
+        headline = "Do not queue this folder as it is."
     mixed = f" in {len(spectra)} spectra ({listing(spectra)})" if len(spectra) > 1 else ""
-    detail = f"{frames} from {cameras}{mixed}."
-    return headline, f"{detail} {standing(view)}".strip()
+    return headline, f"{frames} from {plural(len(report['profiles']), 'camera')}{mixed}. {standing(view)}".strip()
 
 
 def standing(view: View) -> str:
-    """How many sub-projects are proven, in one sentence; empty without sub-projects."""
+    """How many sub-projects are proven, or what to do when there are none yet."""
     projects = view.report["subprojects"]
     if not projects:
-        return ""
-    if all(p["alignment"] is None for p in projects):
-        state = "none of them tried by an alignment yet"
-        noun = "written" if view.written else "proposed"
-        return f"{plural(len(projects), 'project')} {noun}, {state if len(projects) > 1 else 'not tried by an alignment yet'}."
-    counts = {route: sum(1 for p in projects if p["route"] == route) for route in ("proceed", "pairwise", "isolate", "unproven")}
+        mended = view.report["verdict"] == "inconsistent"
+        return "sensorgate run sorts it into projects that fit; the originals stay as they are." if mended else ""
+    said = f"{plural(len(projects), 'project')} {'written' if view.written else 'proposed'}"
     words = {
         "proceed": "proven to reconstruct",
         "pairwise": "joined pairwise",
-        "isolate": "set apart on its own" if counts["isolate"] == 1 else "set apart on their own",
+        "isolate": "set apart",
         "unproven": "unproven",
     }
-    parts = [f"{counts[route]} {words[route]}" for route in counts if counts[route]]
-    return f"{plural(len(projects), 'project')} {'written' if view.written else 'proposed'}: {', '.join(parts)}."
+    counts = {route: sum(1 for p in projects if p["route"] == route) for route in words}
+    return f"{said}: {', '.join(f'{counts[r]} {words[r]}' for r in words if counts[r])}."
 
 
 def comparisons(view: View) -> List[Comparison]:
@@ -79,21 +75,23 @@ def comparisons(view: View) -> List[Comparison]:
     if not view.report["frames"]:
         return []
     parts = (_projects(view), _cameras(view), _focal(view), _resolution(view), _brightness(view), _left_out(view))
-    rows = [row for row in parts if row]
-    notes = (view.report.get("odm") or {}).get("notes", [])
-    rows.extend(Comparison("Also", note, "See the findings below.") for note in notes)
-    return rows
+    return [row for row in parts if row]
 
 
 def _projects(view: View) -> Optional[Comparison]:
     projects = view.report["subprojects"]
     spectra = [SPECTRUM_WORDS[s] for s in view.spectra()]
     usable = sum(1 for f in view.report["frames"] if f["role"] != "broken")
-    if len(projects) < 2:
+    if len(projects) < 2 and (projects or len(spectra) < 2):
         return None
     mixed = f": {listing(spectra)} frames matched against each other" if len(spectra) > 1 else ""
+    if not projects:
+        promised = "One project per spectrum, and per group of payloads that a trial alignment proves to fit."
+        return Comparison("Projects", f"One project with all {usable:,} frames{mixed}.", promised)
     names = listing([f"{p['name']} ({plural(len(p['frames']), 'frame')})" for p in projects])
-    return Comparison("Projects", f"One project with all {usable:,} frames{mixed}.", f"{len(projects)} projects: {names}.")
+    return Comparison(
+        "Projects", f"One project with all {usable:,} frames{mixed}.", f"{len(projects)} projects: {names}."
+    )
 
 
 def _cameras(view: View) -> Optional[Comparison]:
@@ -113,8 +111,10 @@ def _cameras(view: View) -> Optional[Comparison]:
     for name in split[:2]:
         faults.append(f"{name} would be solved as {len(ids[name])} separate cameras, because its focal tag jitters")
     alone = f"{plural(len(owners), 'camera model')} for {plural(len(ids), 'true camera')}: {'; '.join(faults)}."
-    cured = "one focal tag per camera in the copies" if view.written else "one focal tag per camera in the copies of a run"
-    return Comparison("Cameras", alone, f"{plural(len(ids), 'true camera')}, told apart by serial, lens, band and size; {cured}.")
+    cured = "; their copies carry one focal tag per camera" if split else ""
+    return Comparison(
+        "Cameras", alone, f"{plural(len(ids), 'true camera')}, told apart by serial, lens, band and size{cured}."
+    )
 
 
 def _focal(view: View) -> Optional[Comparison]:
@@ -130,7 +130,8 @@ def _focal(view: View) -> Optional[Comparison]:
     if not wrong and not calibrated:
         return None
     alone = (
-        f"Its silent default of {ODM_DEFAULT_FOCAL} × width for {plural(sum(wrong.values()), 'frame')} of {listing(sorted(wrong), 3)}."
+        f"Its silent default of {ODM_DEFAULT_FOCAL} × width for {plural(sum(wrong.values()), 'frame')} "
+        f"of {listing(sorted(wrong), 3)}."
         if wrong
         else "Every camera solved anew from its tags, free to bow the ground."
     )
@@ -138,6 +139,8 @@ def _focal(view: View) -> Optional[Comparison]:
     instead = (
         f"A cameras file for {plural(len(calibrated), 'camera')}, {held} of them held fixed, each with its source."
         if calibrated
+        else "The better source, given to ODM in a cameras file."
+        if not view.written
         else "No better source was found; see the findings."
     )
     return Comparison("Focal length", alone, instead)
@@ -177,10 +180,11 @@ def _left_out(view: View) -> Optional[Comparison]:
         return None
     broken = sum(1 for f in left if f["role"] == "broken")
     panels = sum(1 for f in left if f["role"] == "panel")
-    alone = f"{plural(len(left) - broken, 'frame')} that are no survey would go into the solver"
+    alone = f"{plural(len(left) - broken, 'frame')} left out here would go into the solver"
     if broken:
         alone += f"; {plural(broken, 'unreadable file')} might end the run"
-    instead = f"{plural(len(left), 'file')} left out and listed below{'; panel captures copied beside the project' if panels else ''}."
+    kept = "; panel captures are copied beside the project" if panels else ""
+    instead = f"{plural(len(left), 'file')} left out and listed below{kept}."
     return Comparison("Not survey", alone + ".", instead)
 
 
@@ -213,7 +217,9 @@ def _registered(found: Mapping[str, Any], limit: Mapping[str, float]) -> Check:
 
 def _reprojection(found: Mapping[str, Any], limit: Mapping[str, float]) -> Check:
     error, most = found["mean_reproj_error_px"], limit.get("max_reproj_error_px", 2.0)
-    words = "How far points land from where the model puts them. A wrong model can pass this, so it is never enough alone."
+    words = (
+        "How far points land from where the model puts them. A wrong model can pass this, so it is never enough alone."
+    )
     state = BAD if error is None or error > most else GOOD
     return Check("Reprojection error", figure(error, 2, "px"), f"≤ {most:.1f} px", state, words)
 
@@ -224,14 +230,20 @@ def _gps(found: Mapping[str, Any]) -> List[Check]:
         value, most = found.get(f"gps_{key}_m"), found.get(f"gps_limit_{key}_m")
         if value is None:
             continue
-        words = "How far the solved camera positions lie from their GPS. This is what tells a right model from a wrong one."
+        words = (
+            "How far the solved camera positions lie from their GPS. This is what tells a right model from a wrong one."
+        )
         if key == "vertical":
             words = "The same in height."
         state = NOTE if most is None else GOOD if value <= most else BAD
         checks.append(Check(name, figure(value, 2, "m"), f"≤ {most:.1f} m" if most is not None else "", state, words))
     if not checks:
         value = found["gps_rmse_m"]
-        words = "How far the solved camera positions lie from their GPS." if value is not None else "There is no GPS to hold the model against."
+        words = (
+            "How far the solved camera positions lie from their GPS."
+            if value is not None
+            else "There is no GPS to hold the model against."
+        )
         checks.append(Check("GPS fit", figure(value, 2, "m"), "", NOTE, words))
     return checks
 
@@ -242,8 +254,16 @@ def _height(found: Mapping[str, Any]) -> Optional[Check]:
     flown = [p["flown_height_m"] for p in found.get("payloads", []) if p.get("flown_height_m") is not None]
     solved = [p["height_m"] for p in found.get("payloads", []) if p.get("height_m") is not None]
     if len(flown) == 1 and len(solved) == 1:
-        return Check("Flying height", figure(solved[0], 1, "m"), f"flown {flown[0]:.1f} m", NOTE, "Solved height above the solved ground.")
-    return Check("Flying height", figure(found["height_m"], 1, "m"), "", NOTE, "Solved height above the solved ground, median.")
+        return Check(
+            "Flying height",
+            figure(solved[0], 1, "m"),
+            f"flown {flown[0]:.1f} m",
+            NOTE,
+            "Solved height above the solved ground.",
+        )
+    return Check(
+        "Flying height", figure(found["height_m"], 1, "m"), "", NOTE, "Solved height above the solved ground, median."
+    )
 
 
 def _bowing(found: Mapping[str, Any], limit: Mapping[str, float]) -> Optional[Check]:
@@ -259,7 +279,9 @@ def _bowing(found: Mapping[str, Any], limit: Mapping[str, float]) -> Optional[Ch
         if called
         else f"Flat: less than {needed:g} standard errors, so no bending can be called."
     )
-    return Check("Bowing", value, f"± {needed * error:.2f} m" if error is not None else "", NOTE if called else GOOD, words)
+    return Check(
+        "Bowing", value, f"± {needed * error:.2f} m" if error is not None else "", NOTE if called else GOOD, words
+    )
 
 
 def _inliers(found: Mapping[str, Any], limit: Mapping[str, float]) -> Optional[Check]:
@@ -271,7 +293,7 @@ def _inliers(found: Mapping[str, Any], limit: Mapping[str, float]) -> Optional[C
 
 
 def cross_words(found: Mapping[str, Any], least: float) -> List[str]:
-    """One sentence per pair of payloads that were matched against each other."""
+    """One sentence per pair of payloads that were matched, and what was said of each payload."""
     lines = []
     for pair in found.get("pairs", []):
         if pair["a"] == pair["b"]:
@@ -279,9 +301,14 @@ def cross_words(found: Mapping[str, Any], least: float) -> List[str]:
         inliers = pair["inliers_median"]
         enough = inliers is not None and inliers >= least
         judged = "enough to join them" if enough else f"too few to join them ({least:g} needed)"
-        lines.append(
-            f"{pair['a']} and {pair['b']}: {figure(inliers, 0)} matches per pair over {plural(pair['pairs'], 'pair')}, {judged}."
-        )
+        tried = plural(pair["pairs"], "pair")
+        lines.append(f"{pair['a']} and {pair['b']}: {figure(inliers, 0)} matches per pair over {tried}, {judged}.")
+    for payload in found.get("payloads", []):
+        lines.extend(f"{payload['payload']}: {reason}" for reason in payload.get("reasons", []))
+        offset = payload.get("gps_offset_m")
+        if offset:
+            shift = ", ".join(f"{v:+.1f} m {way}" for v, way in zip(offset, ("east", "north", "up")) if v is not None)
+            lines.append(f"{payload['payload']}: its geometry fits, but its GPS is shifted by {shift}.")
     return lines
 
 
@@ -301,11 +328,12 @@ def option_words(options: Sequence[Mapping[str, Any]]) -> List[str]:
         if value is True:
             words.append(f"--{option['name']}")
         elif value is not False:
-            words.append(f"--{option['name']} {_quoted(str(value))}")
+            words.append(f"--{option['name']} {quoted(str(value))}")
     return words
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
+    """As a POSIX shell takes it."""
     plain = text and all(c.isalnum() or c in "-_./:,+=@%" for c in text)
     return text if plain else "'" + text.replace("'", "'\"'\"'") + "'"
 

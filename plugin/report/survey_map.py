@@ -52,7 +52,10 @@ def site_maps(view: View) -> List[SiteMap]:
         maps.append(_draw(view, here, f"Site {number}" if len(sites) > 1 else "Survey"))
     missing = len(view.report["frames"]) - len(placed)
     away = len(placed) - len(covered)
-    notes = [f"{plural(missing, 'frame')} without a position" if missing else "", f"{plural(away, 'frame')} far away" if away else ""]
+    notes = [
+        f"{plural(missing, 'frame')} without a position" if missing else "",
+        f"{plural(away, 'frame')} far away" if away else "",
+    ]
     said = " and ".join(n for n in notes if n)
     if said:
         maps[0] = SiteMap(maps[0].drawing, f"{maps[0].caption} Not drawn: {said}.")
@@ -159,7 +162,9 @@ def _marks(
         if not project.inside(at) or not (frame["reason"] or frame["path"] in lost):
             continue
         x, y = svg.number(at[0] - 5), svg.number(at[1] - 5)
-        shape = f'<path d="M{x} {y}l10 10m0 -10l-10 10" class="cross"/>' if frame["reason"] else svg.circle(at, 8, "lost")
+        shape = (
+            f'<path d="M{x} {y}l10 10m0 -10l-10 10" class="cross"/>' if frame["reason"] else svg.circle(at, 8, "lost")
+        )
         why = frame["reason"] or "not placed by the alignment"
         label = f"<title>{html.escape(frame['path'])}: {html.escape(why)}</title>" if shown < MOST_MARKS else ""
         body.append(f"<g>{label}{shape}</g>" if label else shape)

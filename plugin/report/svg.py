@@ -26,7 +26,7 @@ def shortened(text: str, most: int) -> str:
     if len(text) <= most:
         return text
     head = (most - 1) // 2
-    return f"{text[:head]}…{text[-(most - 1 - head):]}"
+    return f"{text[:head]}…{text[-(most - 1 - head) :]}"
 
 
 def text(x: float, y: float, content: str, css: str = "", anchor: str = "start") -> str:

@@ -7,7 +7,6 @@ they never disagree. Pure: nothing is read or written.
 from __future__ import annotations
 
 import statistics
-import unicodedata
 from dataclasses import dataclass, field
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
@@ -40,10 +39,13 @@ SEVERITY_ORDER = {"error": 0, "warning": 1, "info": 2}
 
 
 def clean_text(text: str) -> str:
-    """Replace what must reach neither a terminal nor a page: controls, bidi overrides, lone surrogates."""
+    """Replace what must reach neither a terminal nor a page: controls, bidi overrides, lone surrogates.
+
+    Line breaks and exotic spaces become spaces.
+    """
     if text.isascii() and text.isprintable():
         return text
-    return "".join("\N{REPLACEMENT CHARACTER}" if unicodedata.category(c) in ("Cc", "Cf", "Cs") else c for c in text)
+    return "".join(c if c.isprintable() else " " if c.isspace() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 def cleaned(value: Any) -> Any:

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - a table of sample values reads better with one record per line
 """A hand-built report of one mixed survey, as ``build`` would write it after ``run``.
 
 Four drones over one quarry: a Phantom 4 Pro and a Mavic 2 Pro that align
@@ -7,6 +8,7 @@ thermal camera. ``sample(per_flight=...)`` scales the number of frames.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 import random
@@ -32,14 +34,15 @@ def grid(count: int, west_m: float, south_m: float, width_m: float, depth_m: flo
         spots.append(
             (
                 LATITUDE + (south_m + depth_m * line / max(1, lines - 1) + wobble) / METRES_PER_DEGREE,
-                LONGITUDE
-                + (west_m + width_m * along) / (METRES_PER_DEGREE * math.cos(math.radians(LATITUDE))),
+                LONGITUDE + (west_m + width_m * along) / (METRES_PER_DEGREE * math.cos(math.radians(LATITUDE))),
             )
         )
     return spots
 
 
-def intrinsics(ratio: Optional[float], source: str, focal_mm: Optional[float], width_mm: Optional[float], **more: Any) -> Json:
+def intrinsics(
+    ratio: Optional[float], source: str, focal_mm: Optional[float], width_mm: Optional[float], **more: Any
+) -> Json:
     return {
         "focal_ratio": ratio,
         "focal_source": source,
@@ -72,6 +75,7 @@ def profile(ident: str, spectrum: str, make: str, model: str, size: Tuple[int, i
         "focal_mm_min": more.get("focal_min", inner["focal_mm"]),
         "focal_mm_max": more.get("focal_max", inner["focal_mm"]),
         "focal_variance": more.get("variance", 0.0),
+        "family_focal_variance": more.get("variance", 0.0),
         "corrected_in_camera": more.get("corrected", False),
         "thermal_reading": more.get("thermal_reading", ""),
         "lock": more.get("lock", False),
@@ -128,7 +132,9 @@ PLAN: Tuple[Tuple[str, str, Tuple[str, ...], Tuple[Tuple[float, float, float, fl
 )  # fmt: skip
 
 
-def _frame(path: str, prof: Json, flight: str, payload: str, spot: Tuple[float, float], height: float, index: int) -> Json:
+def _frame(
+    path: str, prof: Json, flight: str, payload: str, spot: Tuple[float, float], height: float, index: int
+) -> Json:
     ratio = prof["intrinsics"]["focal_ratio"]
     jitter = 0.2 * math.sin(index * 2.1) if prof["id"] == "dji-fc6310-rgb" else 0.0
     focal = round(prof["intrinsics"]["focal_mm"] + jitter, 2)
@@ -190,7 +196,17 @@ def _payload_fit(name: str, frames: int, registered: int, together: Json, alone:
     }  # fmt: skip
 
 
-def _candidate(prof: str, name: str, source: str, distortion: str, ratio: float, held: bool, chosen: bool, figures: Tuple[float, ...], vetoed: str = "") -> Json:
+def _candidate(
+    prof: str,
+    name: str,
+    source: str,
+    distortion: str,
+    ratio: float,
+    held: bool,
+    chosen: bool,
+    figures: Tuple[float, ...],
+    vetoed: str = "",
+) -> Json:
     error, horizontal, vertical, height, bow, se = figures
     return {
         "profile": prof, "name": name, "focal_source": source, "distortion_source": distortion, "focal_ratio": ratio,
@@ -234,7 +250,7 @@ def _option(name: str, value: Any, reason: str) -> Json:
 
 def sample(per_flight: int = 60) -> Json:
     """The report; ``per_flight`` is the length of the longest flight in captures."""
-    profiles = {p["id"]: {**p, "frames": [], "odm_camera_ids": []} for p in PROFILES}
+    profiles = {p["id"]: p for p in copy.deepcopy(PROFILES)}
     frames: List[Json] = []
     flights: List[Json] = []
     payloads: List[Json] = []
@@ -262,14 +278,16 @@ def sample(per_flight: int = 60) -> Json:
                     "height_source": "relative-altitude", "height_sigma_m": 2.0, "gsd_cm": gsd,
                 })  # fmt: skip
                 frames.extend(made)
-    for index, frame in enumerate(f for f in frames if f["payload"] == "rededge" and f["capture"].endswith(("-00000", "-00001"))):
+    for index, frame in enumerate(
+        f for f in frames if f["payload"] == "rededge" and f["capture"].endswith(("-00000", "-00001"))
+    ):
         frame.update(role="panel", reason="calibration-panel", subproject=None, height_m=1.2, gsd_cm=None)
         frame["intrinsics_notes"] = [f"Panel capture {index}."]
     for frame in [f for f in frames if f["payload"] == "phantom-4-pro"][:3]:
         frame.update(role="transit", reason="transit", subproject=None, height_m=22.0)
-    far = [f for f in frames if f["payload"] == "mavic-2-pro"][0]
+    far = next(f for f in frames if f["payload"] == "mavic-2-pro")
     far.update(latitude=0.0, longitude=0.0, reason="gps-zero", subproject=None)
-    broken = {key: None for key in frames[0]}
+    broken: Json = dict.fromkeys(frames[0])
     broken.update(path="survey/phantom-3/F1/DJI_0999.JPG", role="broken", reason="truncated-file", intrinsics_notes=[])
     frames.append(broken)
 
@@ -294,7 +312,10 @@ def sample(per_flight: int = 60) -> Json:
     for prof in profiles.values():
         prof["odm_camera_ids"] = sorted({f["odm_camera_id"] for f in frames if f["profile"] == prof["id"]})
 
-    used = {name: [f for f in frames if f["subproject"] == name] for name in ("rgb", "rgb-phantom-3", "multispectral", "thermal")}
+    used = {
+        name: [f for f in frames if f["subproject"] == name]
+        for name in ("rgb", "rgb-phantom-3", "multispectral", "thermal")
+    }
     p4 = [f for f in used["rgb"] if f["payload"] == "phantom-4-pro"]
     mavic = [f for f in used["rgb"] if f["payload"] == "mavic-2-pro"]
     green = [f for f in used["multispectral"] if f["band"] == "Green"]

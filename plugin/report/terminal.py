@@ -1,0 +1,190 @@
+"""The report as about 25 lines of plain text for a terminal."""
+
+from __future__ import annotations
+
+import textwrap
+import unicodedata
+from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
+
+from . import story
+from .view import SHORT_SOURCES, PayloadRow, View, figure, plural
+
+MOST_FINDINGS = 8
+MOST_PAYLOADS = 12
+MOST_PROJECTS = 8
+LEAST_WIDTH = 40
+INDENT = 8
+SPECTRA = {"rgb": "rgb", "multispectral": "multi", "thermal": "thermal"}
+PAINT = {"error": "31;1", "warning": "33", "info": "36", "good": "32;1", "bold": "1", "quiet": "2"}
+ROUTE_PAINT = {"proceed": "good", "pairwise": "info", "isolate": "warning", "unproven": "warning"}
+VERDICT_PAINT = {"consistent": "good", "inconsistent": "warning", "blocked": "error"}
+
+# Heading, right-aligned, narrowest width before the column is dropped, cell. Dropped from the end of DROPPED first.
+Column = Tuple[str, bool, int, Callable[[PayloadRow], str]]
+COLUMNS: Tuple[Column, ...] = (
+    ("payload", False, 10, lambda r: r.id),
+    ("camera", False, 8, lambda r: r.camera),
+    ("spectrum", False, 8, lambda r: SPECTRA[r.spectrum] + (f" x{len(r.bands)}" if len(r.bands) > 1 else "")),
+    ("frames", True, 7, lambda r: f"{r.used}" if r.used == r.frames else f"{r.used}/{r.frames}"),
+    ("focal mm", False, 14, lambda r: focal_cell(r)),
+    ("GSD cm", True, 9, lambda r: gsd_cell(r)),
+    ("height", True, 6, lambda r: figure(r.height_m, 0, "m")),
+    ("project", False, 8, lambda r: "+".join(r.projects) or "none"),
+    ("route", False, 8, lambda r: "+".join(dict.fromkeys(r.routes)) or "-"),
+)
+DROPPED = ("height", "spectrum", "route", "camera", "GSD cm", "focal mm", "project")
+
+
+def lines(report: Mapping[str, Any], width: int = 100, colour: bool = False, out: str = "DIR") -> List[str]:
+    """The story of ``report``, no line wider than ``width`` columns (at least ``LEAST_WIDTH``).
+
+    ``colour`` adds ANSI colours. ``out`` is the output folder named in the next
+    command; it stands in no report.
+    """
+    width = max(LEAST_WIDTH, width)
+    view = View(dict(report))
+    paint = _painter(colour)
+    headline, detail = story.verdict(view)
+    told = [paint(part, VERDICT_PAINT[view.report["verdict"]]) for part in _wrapped(headline, width)]
+    told.extend(_wrapped(detail, width))
+    for part in (_table(view, width, paint), _findings(view, width, paint), _projects(view, width, paint)):
+        if part:
+            told.extend(["", *part])
+    following = _next(view, out)
+    if following:
+        told.extend(["", *_wrapped(f"Next: {following}", width)])
+    return told
+
+
+def columns_of(text: str) -> int:
+    """Columns that ``text`` takes: wide East Asian characters two, combining marks none."""
+    return sum(
+        0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in ("W", "F") else 1 for c in text
+    )
+
+
+def focal_cell(row: PayloadRow) -> str:
+    """``8.80 sheet``: the value and where it came from; ``x0.667`` is a ratio to the width."""
+    value = figure(row.focal_mm, 2) if row.focal_mm is not None else f"x{figure(row.focal_ratio, 3)}"
+    if row.focal_mm is None and row.focal_ratio is None:
+        return "unknown"
+    return f"{value} {SHORT_SOURCES.get(row.focal_source, row.focal_source)}"
+
+
+def gsd_cell(row: PayloadRow) -> str:
+    """``3.25>2.12`` where the copies were resampled."""
+    before, after = row.gsd_cm, row.gsd_after_cm
+    if before and after and abs(after / before - 1.0) > 0.005:
+        return f"{before:.2f}>{after:.2f}"
+    return figure(before, 2)
+
+
+def _painter(colour: bool) -> Callable[[str, str], str]:
+    return lambda text, name: f"\x1b[{PAINT[name]}m{text}\x1b[0m" if colour and text else text
+
+
+def _cut(text: str, most: int) -> str:
+    if columns_of(text) <= most:
+        return text
+    kept = ""
+    for c in text:
+        if columns_of(kept + c) > most - 1:
+            break
+        kept += c
+    return kept + "…"
+
+
+def _pad(text: str, size: int, right: bool) -> str:
+    gap = " " * max(0, size - columns_of(text))
+    return gap + text if right else text + gap
+
+
+def _wrapped(text: str, width: int) -> List[str]:
+    # textwrap counts characters; a line of wide ones is cut to the columns.
+    return [_cut(part, width) for part in textwrap.wrap(text, width, break_on_hyphens=False)]
+
+
+def _table(view: View, width: int, paint: Callable[[str, str], str]) -> List[str]:
+    rows = view.payload_rows()
+    if not rows:
+        return []
+    shown = rows[:MOST_PAYLOADS]
+    cells: Dict[str, List[str]] = {head: [cell(r) for r in shown] for head, _, _, cell in COLUMNS}
+    sizes = {h: max(columns_of(h), *(columns_of(c) for c in cells[h])) for h in cells}
+    least = {head: min(sizes[head], least) for head, _, least, _ in COLUMNS}
+    kept = [c for c in COLUMNS if view.report["subprojects"] or c[0] not in ("project", "route")]
+    for head in DROPPED:
+        if sum(least[c[0]] for c in kept) + 2 * (len(kept) - 1) <= width:
+            break
+        kept = [c for c in kept if c[0] != head]
+    names = [c[0] for c in kept]
+    while sum(sizes[h] for h in names) + 2 * (len(names) - 1) > width:
+        widest = max((h for h in names if sizes[h] > least[h]), key=lambda h: (sizes[h] - least[h], h), default=None)
+        if widest is None:
+            break
+        sizes[widest] -= 1
+    told = [paint("  ".join(_pad(h, sizes[h], right) for h, right, _, _ in kept).rstrip(), "bold")]
+    for index, row in enumerate(shown):
+        parts = []
+        for head, right, _, _ in kept:
+            text = _pad(_cut(cells[head][index], sizes[head]), sizes[head], right)
+            if head == "route" and row.routes:
+                text = paint(text.rstrip(), ROUTE_PAINT[row.routes[0]])
+            parts.append(text)
+        told.append("  ".join(parts).rstrip())
+    if len(rows) > len(shown):
+        told.append(f"and {plural(len(rows) - len(shown), 'more payload')}")
+    return told
+
+
+def _findings(view: View, width: int, paint: Callable[[str, str], str]) -> List[str]:
+    groups = view.finding_groups()
+    told = []
+    for group in groups[:MOST_FINDINGS]:
+        times = f" (x{group.count:,})" if group.count > 1 else ""
+        body = _wrapped(f"{group.code}{times}: {group.message}", width - INDENT)
+        if len(body) > 2:
+            body = [body[0], _cut(body[1], width - INDENT - 2) + " …"]
+        told.append(paint(group.severity, group.severity) + " " * (INDENT - len(group.severity)) + body[0])
+        told.extend(" " * INDENT + part for part in body[1:])
+    if len(groups) > MOST_FINDINGS:
+        rest = groups[MOST_FINDINGS:]
+        told.append(" " * INDENT + f"and {plural(len(rest), 'more kind')} in the report")
+    return told
+
+
+def _projects(view: View, width: int, paint: Callable[[str, str], str]) -> List[str]:
+    projects = view.report["subprojects"]
+    told = []
+    for project in projects[:MOST_PROJECTS]:
+        where = f"projects/{project['name']}" if view.written else project["name"]
+        text = f"{where}: {plural(len(project['frames']), 'frame')}, {project['route']}{_figures(project)}"
+        told.append(_cut(text, width))
+    if len(projects) > MOST_PROJECTS:
+        told.append(f"and {plural(len(projects) - MOST_PROJECTS, 'more project')}")
+    head = "Written" if view.written else "Proposed"
+    return [paint(head, "bold"), *(_cut(f"  {t}", width) for t in told)] if told else []
+
+
+def _figures(project: Mapping[str, Any]) -> str:
+    found = project["alignment"]
+    if found is None:
+        return "" if not project["reasons"] else f"; {project['reasons'][0]}"
+    parts = [f"{found['registered']}/{found['frames']} placed"]
+    if found["mean_reproj_error_px"] is not None:
+        parts.append(f"{found['mean_reproj_error_px']:.2f} px")
+    if found["gps_rmse_m"] is not None:
+        parts.append(f"GPS {found['gps_rmse_m']:.1f} m")
+    return f" ({', '.join(parts)})"
+
+
+def _next(view: View, out: str) -> str:
+    """The command that follows, or nothing where none helps."""
+    report = view.report
+    if report["verdict"] == "blocked" or not report["frames"]:
+        return ""
+    if not view.written:
+        paths: Sequence[str] = report["inputs"]["paths"]
+        return f"sensorgate run {' '.join(story.quoted(p) for p in paths)} --out {story.quoted(out)}"
+    unproven = all(s["route"] == "unproven" for s in report["subprojects"])
+    return f"sensorgate submit {story.quoted(out)} --node URL{' --include-unproven' if unproven else ''}"

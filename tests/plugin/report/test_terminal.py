@@ -1,0 +1,87 @@
+"""The terminal's lines: short, within the width, harmless."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Dict
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sensorgate.plugin.report.terminal import columns_of, lines
+
+from tests.plugin.report.sample import empty, sample
+
+ANSI = re.compile(r"\x1b\[[0-9;]*m")
+SURVEY = sample(20)
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 100, 160])
+def test_fits_the_width(width: int) -> None:
+    for colour in (False, True):
+        told = lines(SURVEY, width=width, colour=colour)
+        assert max(columns_of(ANSI.sub("", line)) for line in told) <= width
+
+
+def test_tells_the_story() -> None:
+    told = lines(sample(), out="out dir")
+    text = "\n".join(told)
+    assert len(told) <= 35
+    for name in ("phantom-4-pro", "mavic-2-pro", "rededge", "xt2-thermal", "projects/rgb-phantom-3", "unproven"):
+        assert name in text
+    assert "8.80 sheet" in text and "3.25>2.12" in text
+    assert told[-1] == "Next: sensorgate submit 'out dir' --node URL"
+    assert text.index("mixed-spectra") < text.index("focal-variance") < text.index("not-temperature")
+
+
+def test_colour_adds_nothing_but_colour() -> None:
+    assert [ANSI.sub("", line) for line in lines(SURVEY, colour=True)] == lines(SURVEY)
+
+
+def test_is_pure() -> None:
+    report = sample(20)
+    lines(report)
+    assert report == SURVEY
+
+
+def test_caps_findings_and_counts_the_rest() -> None:
+    report = sample(20)
+    one = report["findings"][0]
+    report["findings"] = [{**one, "code": f"code-{i}"} for i in range(30)]
+    text = "\n".join(lines(report))
+    assert "and 22 more kinds in the report" in text and "code-15" in text and "code-16" not in text
+
+
+def test_no_frames() -> None:
+    assert lines(empty())[0].startswith("Blocked")
+    assert "Next:" not in "\n".join(lines(empty()))
+
+
+def test_a_gate_names_run_next() -> None:
+    report = sample(20)
+    report["subprojects"] = []
+    for frame in report["frames"]:
+        frame.update(output=None, subproject=None)
+    told = lines(report)
+    assert told[-1] == "Next: sensorgate run survey --out DIR"
+    assert not any("route" in line for line in told)
+
+
+def hostile(report: Dict[str, Any], text: str) -> Dict[str, Any]:
+    for frame in report["frames"]:
+        frame["make"] = text
+    for profile in report["profiles"]:
+        profile.update(make=text, model=text)
+    for finding in report["findings"]:
+        finding["message"] = text or "x"
+    report["subprojects"][3]["reasons"] = [text]
+    return report
+
+
+@settings(max_examples=25, deadline=None)
+@given(text=st.text(max_size=80), width=st.integers(40, 120))
+def test_whatever_a_camera_writes_stays_text(text: str, width: int) -> None:
+    for line in lines(hostile(sample(8), text), width=width):
+        assert columns_of(line) <= width
+        assert line.isprintable()
+        line.encode("utf-8")
