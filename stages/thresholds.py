@@ -162,10 +162,16 @@ class Thresholds:
     solved_focal_gap: float = _number(0.01, "ratio", "solved focals closer than this are one camera")
 
     # --- ground control ----------------------------------------------------------
+    control_fit_m: float = _number(
+        0.5, "m", "residual of control points up to which they tie a payload: marks in shrunk frames are a few px wide"
+    )
     gcp_min_points: int = _number(5, "points", "fewer cannot replace the GPS that ODM then switches off")
     gcp_min_images: int = _number(3, "images", "a point in fewer images is not fixed in height")
     gcp_hull_share: float = _number(0.30, "ratio of block area", "points over a smaller part let the rest tilt")
     gcp_min_points_without_gps: int = _number(3, "points", "a similarity needs three where there is no GPS to lose")
+    accuracy_ratio: float = _number(
+        2.0, "ratio", "position spreads farther apart than this must not be weighted alike"
+    )
     gcp_far_m: float = _number(1000.0, "m", "no survey frame sees a point this far from its own position")
     max_text_bytes: int = _number(16 * 1024 * 1024, "bytes", "a gcp_list.txt or geo.txt larger than this is not read")
 

@@ -7,6 +7,8 @@ job's seed and a fixed order.
 
 from __future__ import annotations
 
+import hashlib
+import io
 import math
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,12 +16,16 @@ from typing import Any, Callable, Dict, List, Sequence, Tuple
 
 import numpy as np
 
-from .features import Features, all_descriptors, load_or_extract
-from .matching import Matches, alike_pairs, match, signatures, unit
+from ..record import write_bytes
+from .features import Features, all_descriptors, feature_keys, load_or_extract
+from .matching import Descriptors, Matches, alike_pairs, match, signatures, unit
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
 
 Step = Callable[[str, int, int], None]
 Pair = Tuple[int, int]
+
+# Fewer matches than this say nothing of two views' geometry (COLMAP's own limit).
+VERIFIED = 15
 
 
 def solve(job: Job, folder: Path, cache: Path, step: Step) -> Solution:
@@ -30,7 +36,7 @@ def solve(job: Job, folder: Path, cache: Path, step: Step) -> Solution:
     pycolmap.set_random_seed(job.settings.seed)
     features, notes = load_or_extract(job, cache / "features", step)
     pairs = sorted(set(job.pairs) | set(_retrieved(job, features)))
-    verified = _verify_all(pycolmap, job, features, pairs, step)
+    verified = _verify_all(pycolmap, job, features, pairs, cache / "matches", step)
     step("mapping", 0, 1)
     models = _map(pycolmap, job, features, verified, folder)
     step("mapping", 1, 1)
@@ -84,20 +90,40 @@ def _retrieved(job: Job, features: Sequence[Features]) -> List[Pair]:
 
 
 def _verify_all(
-    pycolmap: Any, job: Job, features: Sequence[Features], pairs: Sequence[Pair], step: Step
+    pycolmap: Any, job: Job, features: Sequence[Features], pairs: Sequence[Pair], cache: Path, step: Step
 ) -> Dict[Pair, Any]:
-    units = [unit(f.descriptors) for f in features]
+    """Match and verify every pair; raw matches are kept on disk, so that a subset of the frames costs nothing."""
+    cache.mkdir(parents=True, exist_ok=True)
+    keys = feature_keys(job)
+    units: Dict[int, Descriptors] = {}
     cameras = [_camera(pycolmap, index + 1, c) for index, c in enumerate(job.cameras)]
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = job.settings.seed
     options.ransac.max_error = job.settings.verify_error_px
-    options.min_num_inliers = 15
+    options.min_num_inliers = VERIFIED
     options.compute_relative_pose = False
+
+    def raw(pair: Pair) -> Matches:
+        said = f"{keys[pair[0]]} {keys[pair[1]]} {job.settings.max_ratio!r}"
+        path = cache / f"{hashlib.sha256(said.encode('ascii')).hexdigest()[:32]}.npy"
+        try:
+            kept: Matches = np.load(path, allow_pickle=False)
+            return kept
+        except (OSError, ValueError):
+            pass
+        for index in pair:
+            if index not in units:
+                units[index] = unit(features[index].descriptors)
+        found = match(units[pair[0]], units[pair[1]], job.settings.max_ratio)
+        stream = io.BytesIO()
+        np.save(stream, found)
+        write_bytes(path, stream.getvalue())
+        return found
 
     def work(pair: Pair) -> Any:
         a, b = pair
-        matches: Matches = match(units[a], units[b], job.settings.max_ratio)
-        if len(matches) < options.min_num_inliers:
+        matches = raw(pair)
+        if len(matches) < VERIFIED:
             return None
         return pycolmap.estimate_two_view_geometry(
             cameras[job.frames[a].camera],
@@ -111,7 +137,7 @@ def _verify_all(
     verified: Dict[Pair, Any] = {}
     with ThreadPoolExecutor(max_workers=max(1, job.settings.threads)) as pool:
         for done, (pair, geometry) in enumerate(zip(pairs, pool.map(work, pairs)), start=1):
-            if geometry is not None and len(geometry.inlier_matches) >= options.min_num_inliers:
+            if geometry is not None and len(geometry.inlier_matches) >= VERIFIED:
                 verified[pair] = geometry
             step("pairs", done, len(pairs))
     return verified

@@ -37,7 +37,7 @@ def load_or_extract(
     """Return the features of every frame of ``job`` in order, and a note per frame that could not be decoded."""
     cache.mkdir(parents=True, exist_ok=True)
     sizes = [(job.cameras[f.camera].width, job.cameras[f.camera].height) for f in job.frames]
-    keys = [_key(job, index) for index in range(len(job.frames))]
+    keys = feature_keys(job)
     found: Dict[int, Features] = {}
     for index, key in enumerate(keys):
         path = cache / f"{key}.npz"
@@ -79,7 +79,7 @@ def extract(grey: Grey, settings: EngineSettings) -> Features:
     options.max_image_size = max(grey.shape)
     options.sift.max_num_features = settings.max_features
     options.sift.peak_threshold = settings.peak_threshold
-    options.sift.first_octave = -1 if settings.upsample else 0
+    options.sift.first_octave = -1 if max(grey.shape) < settings.upsample_below_px else 0
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         keypoints, descriptors = pycolmap.Sift(options, pycolmap.Device.cpu).extract(grey)
@@ -88,13 +88,21 @@ def extract(grey: Grey, settings: EngineSettings) -> Features:
         return EMPTY
     # Largest scales first; a point with two orientations counts once, or ratio tests between twins fail.
     order = np.lexsort((points[:, 3], points[:, 1], points[:, 0], -points[:, 2]))[: settings.max_features]
-    rows = np.asarray(descriptors)[order]
-    if rows.dtype != np.uint8:
-        rows = np.clip(np.rint(rows * 512.0), 0, 255).astype(np.uint8)
+    # pycolmap hands descriptors out at unit length; COLMAP itself keeps them as bytes of 1/512.
+    rows = np.clip(np.rint(np.asarray(descriptors)[order] * 512.0), 0, 255).astype(np.uint8)
     return Features(points[order, :2], rows)
 
 
-def _key(job: Job, index: int) -> str:
+def feature_keys(job: Job) -> List[str]:
+    """Return a name per frame for everything that its features depend on."""
+    deep: Dict[str, List[str]] = {}
+    for frame in job.frames:
+        if _deep(frame.file):
+            deep.setdefault(frame.tone, []).append(frame.file)
+    return [_key(job, index, sorted(deep.get(frame.tone, []))) for index, frame in enumerate(job.frames)]
+
+
+def _key(job: Job, index: int, tone: Sequence[str]) -> str:
     frame = job.frames[index]
     camera = job.cameras[frame.camera]
     try:
@@ -102,14 +110,17 @@ def _key(job: Job, index: int) -> str:
         stamp: Tuple[int, ...] = (stat.st_size, stat.st_mtime_ns)
     except OSError:
         stamp = (0, 0)
-    tone = sorted({f.file for f in job.frames if f.tone == frame.tone}) if _deep(frame.file) else []
     said: Dict[str, Any] = {
         "file": frame.file,
         "stamp": stamp,
         "size": (camera.width, camera.height),
         "luts": frame.luts,
-        "tone": tone,
-        "sift": (job.settings.max_features, job.settings.peak_threshold, job.settings.upsample),
+        "tone": tone if _deep(frame.file) else (),
+        "sift": (
+            job.settings.max_features,
+            job.settings.peak_threshold,
+            max(camera.width, camera.height) < job.settings.upsample_below_px,
+        ),
     }
     return hashlib.sha256(dumps(said).encode("utf-8")).hexdigest()[:32]
 

@@ -199,14 +199,14 @@ def surface_bow(first: Array, second: Array, per_camera: int) -> Bowing:
 
 
 def _last_term(design: Array, values: Array, radius: float) -> Bowing:
-    weight = np.ones(len(values))
-    solution = np.zeros(design.shape[1])
+    weight: Array = np.ones(len(values))
+    solution: Array = np.zeros(design.shape[1])
     for _ in range(10):
         root = np.sqrt(weight)[:, None]
         solution = np.linalg.lstsq(design * root, values * root[:, 0], rcond=None)[0]
         miss = np.abs(values - design @ solution)
         scale = max(1.4826 * float(np.median(miss)), 1e-9)
-        weight = np.minimum(1.0, 2.0 * scale / np.maximum(miss, 1e-12))
+        weight = np.asarray(np.minimum(1.0, 2.0 * scale / np.maximum(miss, 1e-12)), dtype=np.float64)
     left = values - design @ solution
     freedom = len(values) - design.shape[1]
     variance = float((weight * left**2).sum()) / max(freedom, 1)

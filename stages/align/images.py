@@ -7,7 +7,7 @@ frame would give the same ground another tone in every frame.
 
 from __future__ import annotations
 
-from typing import Dict, Sequence, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -69,7 +69,7 @@ def stretch_ranges(frames: Sequence[JobFrame], sizes: Sequence[Tuple[int, int]])
     Groups of 8-bit frames are absent. The range is the median of the sampled
     frames' percentiles, so that one frame of sky or panel does not set it.
     """
-    groups: Dict[str, list[int]] = {}
+    groups: Dict[str, List[int]] = {}
     for index, frame in enumerate(frames):
         groups.setdefault(frame.tone, []).append(index)
     ranges: Dict[str, Tuple[float, float]] = {}
@@ -84,7 +84,7 @@ def stretch_ranges(frames: Sequence[JobFrame], sizes: Sequence[Tuple[int, int]])
                 continue
             if pixels.dtype == np.uint8:
                 break
-            found.append(np.percentile(pixels, _STRETCH_PERCENT))
+            found.append(np.percentile(np.asarray(pixels, dtype=np.float32), _STRETCH_PERCENT))
         if found:
             low, high = np.median(np.asarray(found), axis=0)
             ranges[tone] = (float(low), float(max(high, low + 1e-6)))

@@ -23,7 +23,11 @@ _CLOSE = 0.1
 
 
 def judge(measured: Measured, limits: Thresholds) -> Tuple[PayloadAlignment, ...]:
-    """Return one verdict per payload, with every reason in words."""
+    """Return one verdict per payload, with every reason in words.
+
+    Ties to others are asked of every payload but the anchor: where two have
+    none, it is the other that leaves.
+    """
     several = len(measured.payloads) > 1
     return tuple(_judge_one(p, measured, several, limits) for p in measured.payloads)
 
@@ -33,7 +37,7 @@ def _judge_one(p: PayloadFigures, measured: Measured, several: bool, limits: Thr
     open_: List[str] = []
     said: List[str] = []
     _registration(p, limits, bad, said)
-    if several:
+    if several and p.payload != measured.anchor:
         _ties(p, limits, bad, said)
     elif p.own_inliers is None or p.own_inliers < limits.min_inliers:
         bad.append(f"its pairs hold {_say(p.own_inliers)} verified matches, {limits.min_inliers} are needed")
@@ -114,11 +118,12 @@ def _gps(
     if p.positions < limits.min_proof_frames:
         open_.append(f"{p.positions} frames have a position: nothing independent proves the model")
         return
-    if p.alone.frames and p.alone.collinear:
+    if p.alone.frames and p.alone.collinear and p.self_fitted:
         open_.append("its positions lie on one line: GPS cannot contradict the model")
         return
-    alone = _misfit(p.alone, limits)
     together = _misfit(p.together, limits)
+    # On one line a fit of its own proves nothing; the anchor's similarity still can contradict it.
+    alone = together if p.alone.collinear else _misfit(p.alone, limits)
     if alone is None:
         if not any("main model" in b for b in bad):
             open_.append("too few of its frames with a position are in the model")
@@ -138,7 +143,8 @@ def _gps(
             )
         else:
             bad.append(
-                f"joined to {anchor} it lies {_words(p.together)} off its GPS, alone {_words(p.alone)}: wrongly attached"
+                f"joined to {anchor} it lies {_words(p.together)} off its GPS, "
+                f"alone {_words(p.alone)}: wrongly attached"
             )
     else:
         close = " (close)" if max(alone, together) > 1.0 - _CLOSE else ""

@@ -7,7 +7,7 @@ distances are angles, as COLMAP measures them.
 
 from __future__ import annotations
 
-from typing import List, Sequence, Tuple
+from typing import List, Sequence, Set, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +24,7 @@ def unit(descriptors: npt.NDArray[np.uint8]) -> Descriptors:
     """Return rows of unit length, float32, shape (N, 128)."""
     rows = descriptors.astype(np.float32)
     length = np.sqrt(np.einsum("ij,ij->i", rows, rows))
-    return rows / np.maximum(length, 1e-6)[:, None]
+    return np.asarray(rows / np.maximum(length, 1e-6)[:, None], dtype=np.float32)
 
 
 def match(left: Descriptors, right: Descriptors, max_ratio: float) -> Matches:
@@ -111,10 +111,10 @@ def alike_pairs(
 
 
 def _distinct(ranked: List[Tuple[float, int, int]], count: int) -> List[Tuple[float, int, int]]:
-    seen = set()
-    kept = []
+    seen: Set[Tuple[int, int]] = set()
+    kept: List[Tuple[float, int, int]] = []
     for item in ranked:
-        key = (min(item[1:]), max(item[1:]))
+        key = (min(item[1], item[2]), max(item[1], item[2]))
         if key not in seen and len(kept) < count:
             seen.add(key)
             kept.append(item)

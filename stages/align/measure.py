@@ -51,6 +51,7 @@ class PayloadFigures:
     capture_gap_limit_m: Optional[Tuple[float, float]]
     looks_down: Optional[float]
     positions: int
+    self_fitted: bool
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def measure(
     frames: Sequence[AlignFrame], solution: Solution, ground: Ground, areas: Sequence[int], limits: Thresholds
 ) -> Measured:
     """Measure every payload of ``frames`` in ``solution``; ``areas`` is each frame's piece of ground."""
-    anchor = choose_anchor(frames, solution, ground)
+    anchor = choose_anchor(frames, solution, ground, limits)
     laid = lay_models(frames, solution, ground, anchor, limits)
     centers = laid_centers(solution, laid)
     main = main_models(solution, areas)
@@ -165,6 +166,7 @@ def _payload(
         capture_gap_limit_m=gap[1] if gap else None,
         looks_down=looks_down(solution, laid, placed),
         positions=int(ground.known[mine].sum()),
+        self_fitted=self_fitted,
     )
 
 

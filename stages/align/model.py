@@ -147,6 +147,23 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class LockDecision:
+    """What a profile's camera should be in the project: held at these numbers, or only started from them.
+
+    Ratios and distortion as in ``SolvedCamera``. ``source`` names where focal
+    and distortion come from, ``reason`` says why in words.
+    """
+
+    profile: str
+    hold: bool
+    focal_ratio: float
+    center_ratio: Tuple[float, float]
+    distortion: Tuple[float, ...]
+    source: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class PayloadAlignment:
     """How one payload fared inside a solved model.
 
@@ -217,3 +234,4 @@ class AlignmentReport:
     notes: Tuple[str, ...] = ()
     areas: int = 1
     verdict: str = "unproven"
+    decisions: Tuple[LockDecision, ...] = ()

@@ -29,11 +29,11 @@ _FLAT_TURN_M = 1.0
 
 @dataclass(frozen=True)
 class Footprint:
-    """Where a frame looks: middle (east, north) and radius in metres; radius ``None`` = unknown height."""
+    """Where a frame looks: middle (east, north) and radius in metres, and its position's spread."""
 
     east: float
     north: float
-    radius_m: Optional[float]
+    radius_m: float
     sigma_m: float
 
 
@@ -54,7 +54,8 @@ def footprints(
 
     A nadir footprint is a circle of the half-diagonal height * diagonal / (2 *
     focal). An oblique one reaches from its near to its far edge, at most 75
-    degrees off nadir, displaced along the heading where that is known.
+    degrees off nadir, displaced along the heading where that is known. Without
+    a height the radius is the stated ``unknown_footprint_m``.
     """
     ratio = {(c.profile, c.width, c.height): c.intrinsics.focal_ratio for c in cameras}
     placed = [f for f in frames if f.position is not None]
@@ -68,7 +69,7 @@ def footprints(
         sigma = frame.sigma_m[0] if frame.sigma_m else limits.gps_sigma_horizontal_m
         focal = ratio.get((frame.profile, frame.width, frame.height)) or limits.fallback_focal_ratio
         if frame.height_m is None or frame.height_m <= 0:
-            result.append(Footprint(float(east), float(north), None, sigma))
+            result.append(Footprint(float(east), float(north), limits.unknown_footprint_m, sigma))
             continue
         half = math.atan(math.hypot(frame.width, frame.height) / (2.0 * focal * frame.width))
         tilt = math.radians(90.0 + frame.pitch_deg) if frame.pitch_deg is not None else 0.0
@@ -87,9 +88,7 @@ def footprints(
 
 
 def can_overlap(a: Footprint, b: Footprint, sigma_factor: float) -> bool:
-    """Whether two footprints can share ground; unknown heights never say no."""
-    if a.radius_m is None or b.radius_m is None:
-        return True
+    """Whether two footprints can share ground."""
     away = math.hypot(a.east - b.east, a.north - b.north)
     return round(away, 3) <= round(a.radius_m + b.radius_m + sigma_factor * math.hypot(a.sigma_m, b.sigma_m), 3)
 

@@ -75,18 +75,18 @@ def starting_camera(camera: AlignCamera, max_dim: int, limits: Thresholds) -> Ca
     )
 
 
-def engine_settings(rung: str, small: bool, max_dim: int, threads: int, limits: Thresholds) -> EngineSettings:
-    """The solver's numbers for a rung; ``small`` frames start from a doubled image."""
+def engine_settings(rung: str, max_dim: int, threads: int, limits: Thresholds) -> EngineSettings:
+    """The solver's numbers for a rung: the pairwise rung works with those of the mixed block."""
     if rung not in RUNGS:
         raise UsageError(f"There is no rung {rung!r}; known: {', '.join(RUNGS)}.")
-    mixed = rung == "mixed"
+    mixed = rung in ("mixed", "pairwise")
     error, at = _VERIFY_PX_AT
     return EngineSettings(
         max_features=limits.mixed_max_features if mixed else limits.align_max_features,
         peak_threshold=limits.mixed_peak_threshold if mixed else limits.quick_peak_threshold,
         max_ratio=limits.mixed_max_ratio if mixed else limits.quick_max_ratio,
         filter_max_reproj_error_px=limits.filter_max_reproj_error_px,
-        upsample=small,
+        upsample_below_px=limits.align_upsample_below_px,
         verify_error_px=round(error * max_dim / at, 3),
         threads=threads,
     )
@@ -94,7 +94,7 @@ def engine_settings(rung: str, small: bool, max_dim: int, threads: int, limits: 
 
 def rung_max_dim(rung: str, limits: Thresholds) -> int:
     """Longer side in px that a rung works at unless the caller sets it."""
-    return limits.mixed_max_dim_px if rung == "mixed" else limits.align_max_dim_px
+    return limits.mixed_max_dim_px if rung in ("mixed", "pairwise") else limits.align_max_dim_px
 
 
 def build_job(
@@ -119,7 +119,6 @@ def build_job(
         luts = tables.get(frame.lut, ()) if frame.lut is not None else ()
         frames.append(JobFrame(frame.path, frame.file, camera, frame.flight, luts))
     cameras = tuple(starting_camera(c, max_dim, limits) for c in request.cameras)
-    small = max((max(c.width, c.height) for c in cameras), default=0) < limits.align_upsample_below_px
     retrieval = list(extra)
     if plan.blind:
         everyone = tuple(range(len(frames)))
@@ -128,7 +127,7 @@ def build_job(
         frames=tuple(frames),
         cameras=cameras,
         pairs=plan.pairs,
-        settings=engine_settings(rung, small, max_dim, threads, limits),
+        settings=engine_settings(rung, max_dim, threads, limits),
         retrieval=tuple(retrieval),
         apart=captures(request.frames),
     )

@@ -65,19 +65,38 @@ def align_once(
     if engine not in ENGINES:
         raise UsageError(f"There is no engine {engine!r}; known: {', '.join(ENGINES)}.")
     check(cancel)
-    request = sorted_request(request)
+    request = extended(start.request, sorted_request(request)) if start else sorted_request(request)
     if not request.frames:
         raise UsageError(f"{request.name}: there is no frame to align.")
     side = max_dim or rung_max_dim(rung, thresholds)
     ground = ground_of(request.frames, thresholds)
     plan = plan_pairs(request.frames, request.cameras, thresholds)
     job = build_job(request, plan, rung, side, _threads(), thresholds, extra)
+    if start is not None:
+        held = tuple(replace(c, solve_focal=False, solve_distortion=False) for c in start.solution.cameras)
+        job = replace(
+            job,
+            cameras=held + job.cameras[len(held) :],
+            start=start.solution.stored,
+            start_frames=tuple(range(len(start.request.frames))),
+        )
     folder = workspace / _folder(request, rung, side, engine, extra, start)
     solution = worker.solve(job, engine, folder, workspace, progress, cancel)
     candidates: Tuple[Candidate, ...] = ()
     measured = measure(request.frames, solution, ground, plan.areas, thresholds)
     report = assemble_report(request, rung, engine, job, solution, measured, ground, candidates, thresholds)
     return Aligned(report, request, job, solution, measured, plan)
+
+
+def extended(first: AlignRequest, whole: AlignRequest) -> AlignRequest:
+    """Return ``whole`` with the frames and cameras of ``first`` in front, in the order that its model knows."""
+    frames = {f.path for f in first.frames}
+    cameras = {(c.profile, c.width, c.height) for c in first.cameras}
+    return replace(
+        whole,
+        frames=first.frames + tuple(f for f in whole.frames if f.path not in frames),
+        cameras=first.cameras + tuple(c for c in whole.cameras if (c.profile, c.width, c.height) not in cameras),
+    )
 
 
 def _threads() -> int:
@@ -136,7 +155,7 @@ def assemble_report(
         name=request.name,
         engine=engine,
         rung=rung,
-        frames=tuple(frames),
+        frames=tuple(sorted(frames, key=lambda f: f.path)),
         registered=int(placed.sum()),
         components=measured.components,
         mean_reproj_error_px=error,
@@ -162,6 +181,11 @@ def assemble_report(
         areas=measured.areas,
         verdict=overall(payloads),
     )
+
+
+def _pair(request: AlignRequest, a: int, b: int, inliers: int) -> PairInliers:
+    first, second = sorted((request.frames[a].path, request.frames[b].path))
+    return PairInliers(first, second, inliers)
 
 
 def _number(value: float, digits: int) -> Optional[float]:

@@ -92,13 +92,17 @@ class Retrieval:
 
 @dataclass(frozen=True)
 class EngineSettings:
-    """The solver's numbers for one rung."""
+    """The solver's numbers for one rung.
+
+    Frames whose working size is below ``upsample_below_px`` start SIFT from a
+    doubled image.
+    """
 
     max_features: int
     peak_threshold: float
     max_ratio: float
     filter_max_reproj_error_px: float
-    upsample: bool
+    upsample_below_px: int
     verify_error_px: float
     min_model_frames: int = 3
     threads: int = 1

@@ -63,11 +63,14 @@ def _default_sigma(limits: Thresholds) -> Tuple[float, float]:
     return limits.gps_sigma_horizontal_m, limits.gps_sigma_vertical_m
 
 
-def choose_anchor(frames: Sequence[AlignFrame], solution: Solution, ground: Ground) -> Optional[str]:
+def choose_anchor(
+    frames: Sequence[AlignFrame], solution: Solution, ground: Ground, limits: Thresholds
+) -> Optional[str]:
     """Return the payload that the others are judged against.
 
-    RTK before plain GPS, then the one with most frames in the largest model,
-    then by name; ``None`` when no placed frame has a position.
+    One whose own shape fits its positions before one that does not, RTK before
+    plain GPS, then the one with most frames in the largest model, then by
+    name; ``None`` when no placed frame has a position.
     """
     score: Dict[str, List[float]] = defaultdict(lambda: [0.0, 0.0, 0.0])
     for index, frame in enumerate(frames):
@@ -80,11 +83,32 @@ def choose_anchor(frames: Sequence[AlignFrame], solution: Solution, ground: Grou
     if not score:
         return None
 
-    def rank(name: str) -> Tuple[bool, float, float, str]:
+    def rank(name: str) -> Tuple[bool, bool, float, float, str]:
         rtk, main, count = score[name]
-        return (2 * rtk <= count, -main, -count, name)
+        return (not _fits_alone(name, frames, solution, ground, limits), 2 * rtk <= count, -main, -count, name)
 
     return min(score, key=rank)
+
+
+def _fits_alone(
+    name: str, frames: Sequence[AlignFrame], solution: Solution, ground: Ground, limits: Thresholds
+) -> bool:
+    """Whether the payload's largest piece, fitted alone, stays within the allowed residual in the median."""
+    counts: Dict[int, int] = defaultdict(int)
+    for index, frame in enumerate(frames):
+        if frame.payload == name and solution.model[index] != UNPLACED:
+            counts[int(solution.model[index])] += 1
+    model = min(counts, key=lambda m: (-counts[m], m))
+    rows = rows_of(frames, solution, model, name)
+    rows = rows[ground.known[rows]]
+    if len(rows) < limits.min_proof_frames:
+        return False
+    fit = fit_rows(solution, ground, rows)
+    if fit is None:
+        return False
+    miss = fit.points(solution.center[rows]) - ground.east_north_up[rows]
+    flat = float(np.median(np.hypot(miss[:, 0], miss[:, 1])))
+    return flat <= limits.gps_sigma_factor * float(np.median(ground.sigma[rows, 0]))
 
 
 def fit_rows(solution: Solution, ground: Ground, rows: Rows) -> Optional[Similarity]:
