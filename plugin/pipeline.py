@@ -22,7 +22,7 @@ from ..stages.survey import Survey, build
 from ..stages.thresholds import DEFAULTS, Thresholds
 from .control import Control, read_control
 from .odm.camera_id import camera_id
-from .odm.names import unique_names
+from .odm.names import output_names
 from .odm.predict import Prediction, predict
 from .placing import Placed, place, without_alignment
 from .report import build as reporting
@@ -221,7 +221,8 @@ def _produce(
     dropped = left_out(survey)
     groups = groups_of(survey)
     wanted = sorted(path for group in groups for path in group.frames)
-    names = unique_names([(path, payload) for path, payload in _payload_of(survey) if path in set(wanted)])
+    payload_of = {f.path: f.payload for f in survey.frames}
+    names = output_names({path: payload_of[path] for path in wanted})
     inspection, extra = _learn_radiometry(inspection, progress, cancel)
     copies, failed = _harmonize(inspection, folder, names, wanted, progress, cancel)
     for item in failed:
@@ -246,10 +247,6 @@ def _produce(
     _conserve(report)
     _write_reports(report, inspection, folder, copies)
     return report
-
-
-def _payload_of(survey: Survey) -> List[Tuple[str, str]]:
-    return [(f.path, f.payload) for f in survey.frames]
 
 
 def _learn_radiometry(

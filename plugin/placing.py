@@ -182,11 +182,13 @@ def _write_one(
     used = {at[p].profile for p in paths}
     profiles = [p for p in survey.profiles if p.id in used]
     decisions = _decisions(item.proven, profiles)
-    calibration = calibration_for(headers, decisions, settings.thresholds)
+    # Bands beside the primary take its pose and camera over in ODM; only the primary's camera is solved.
+    solver = [h for h in headers if h.primary]
+    calibration = calibration_for(solver, decisions, settings.thresholds)
     ground = control.for_project(
         name, paths, copies, survey, settings.thresholds, primary={h.frame.path for h in headers if h.primary}
     )
-    changed = any(a.radiometry_none for a in plan.actions if set(a.frames) & set(paths))
+    changed = any(a.radiometric_none for a in plan.actions if set(a.frames) & set(paths))
     needs = OptionNeeds(
         lock=calibration.lock,
         cameras_cover_all=calibration.covers_all,
@@ -225,7 +227,7 @@ def _write_one(
         options=tuple({**o, "reason": r.reason} for o, r in zip(as_node_options(options), options)),
         alignment=alignment,
         gcp={"points": ground.gcp_points, "images": ground.gcp_images} if ground.gcp_text else None,
-        calibration=_calibration_rows(headers, decisions, calibration),
+        calibration=_calibration_rows(solver, decisions, calibration),
     )
     return record, [*calibration.findings, *ground.findings]
 
@@ -237,7 +239,7 @@ def _calibration_rows(
     for header in headers:
         identity = file_key(camera_id(header.frame))
         decision = decisions.get(header.profile)
-        if not header.primary or decision is None:
+        if decision is None:
             continue
         ratio = decision.focal_ratio
         scale = header.frame.width / max(header.frame.width, header.frame.height)

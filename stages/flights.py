@@ -121,15 +121,17 @@ def _levels(frames: Sequence[Frame], heights: Mapping[str, Height], limits: Thre
 def roles(frames: Sequence[Frame], heights: Mapping[str, Height], limits: Thresholds) -> Dict[str, str]:
     """Class a flight's frames (time-ordered): survey, panel, transit, horizon.
 
-    Panel: the camera said so, or a still burst near the ground at an end of
+    Horizon: the gimbal is up while most of the flight looks down. Panel: the camera said so, or a still burst near the ground at an end of
     the flight. Transit: at an end of the flight and below half its median
     height, as long as such frames are a small part of it.
     """
     result = {f.path: PANEL if f.panel else SURVEY for f in frames}
-    for frame in frames:
-        if frame.pitch_deg is not None and result[frame.path] == SURVEY:
-            if 90.0 + frame.pitch_deg > limits.horizon_pitch_deg:
-                result[frame.path] = HORIZON
+    tilts = {f.path: 90.0 + f.pitch_deg for f in frames if f.pitch_deg is not None}
+    # A flight that looks at the horizon throughout surveys a facade; a few such frames are strays.
+    if tilts and median(list(tilts.values())) <= limits.horizon_pitch_deg:
+        for path, tilt in tilts.items():
+            if result[path] == SURVEY and tilt > limits.horizon_pitch_deg:
+                result[path] = HORIZON
     known = [h for f in frames if (h := heights[f.path].value_m) is not None]
     if len(known) < limits.min_proof_frames or median(known) <= 2.0 * limits.panel_height_m:
         return result
