@@ -158,6 +158,11 @@ class Thresholds:
     held_reproj_cost: float = _number(0.10, "ratio", "reprojection error that holding a trusted calibration may cost")
     height_veto_m: float = _number(2.0, "m", "a candidate whose height misses the relative altitude by more is vetoed")
     height_veto_ratio: float = _number(0.05, "ratio", "the same as a share of the height; the larger holds")
+    oblique_view_deg: float = _number(15.0, "degree", "views tilted by more than this help to fix a focal")
+    oblique_share: float = _number(0.1, "ratio of frames", "so many tilted views support a self-calibration")
+    two_heights_ratio: float = _number(
+        0.2, "ratio of height", "camera heights spread by this much separate the focal from the height"
+    )
     solved_focal_sigma: float = _number(3.0, "sigma", "solved focals this far apart, and 1 %, are two cameras")
     solved_focal_gap: float = _number(0.01, "ratio", "solved focals closer than this are one camera")
 

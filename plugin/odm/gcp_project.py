@@ -1,0 +1,149 @@
+"""Whether a sub-project gets ground control, and which lines.
+
+With a ``gcp_list.txt`` ODM switches GPS off. So a project gets one only where
+the points alone can hold the block; otherwise GPS stays and a finding says why.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Sequence, Set, Tuple
+
+from ...stages.finding import INFO, WARNING, Finding
+from ...stages.geo import local_metres
+from ...stages.thresholds import DEFAULTS, Thresholds
+from .gcp import GcpFrame, write_gcp
+from .gcp_place import PlacedGcps
+
+_XY = Tuple[float, float]
+
+
+@dataclass(frozen=True)
+class GcpDecision:
+    """The list's text or ``None``, how many points hold the project, and what to say."""
+
+    text: Optional[str]
+    points: int
+    findings: Tuple[Finding, ...] = ()
+
+
+def hull_area_m2(points: Sequence[_XY]) -> float:
+    """Area of the convex hull (Andrew's monotone chain)."""
+    ordered = sorted(set(points))
+    if len(ordered) < 3:
+        return 0.0
+
+    def half(sequence: Sequence[_XY]) -> List[_XY]:
+        chain: List[_XY] = []
+        for p in sequence:
+            while len(chain) > 1 and _cross(chain[-2], chain[-1], p) <= 0:
+                chain.pop()
+            chain.append(p)
+        return chain[:-1]
+
+    hull = half(ordered) + half(ordered[::-1])
+    return abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(hull, hull[1:] + hull[:1]))) / 2.0
+
+
+def _cross(o: _XY, a: _XY, b: _XY) -> float:
+    return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
+
+
+def flatness(points: Sequence[_XY]) -> float:
+    """Second over first singular value of the centred points: 0 on one line, 1 round."""
+    n = len(points)
+    if n < 2:
+        return 0.0
+    mx, my = sum(p[0] for p in points) / n, sum(p[1] for p in points) / n
+    sxx = sum((p[0] - mx) ** 2 for p in points)
+    syy = sum((p[1] - my) ** 2 for p in points)
+    sxy = sum((p[0] - mx) * (p[1] - my) for p in points)
+    half, root = (sxx + syy) / 2.0, math.hypot((sxx - syy) / 2.0, sxy)
+    return math.sqrt(max(0.0, half - root) / (half + root)) if half + root > 0 else 0.0
+
+
+def gcp_for_project(
+    name: str, placed: PlacedGcps, frames: Sequence[GcpFrame], thresholds: Thresholds = DEFAULTS
+) -> GcpDecision:
+    """Decide for one sub-project (``frames`` are its own, as they are written).
+
+    Needed: enough points on enough primary-band frames, not on one line, over
+    enough of the block. A project without any GPS has nothing to lose: there
+    three points that are not on one line do.
+    """
+    by_path = {f.path: f for f in frames}
+    mine = [m for m in placed.marks if m.path in by_path]
+    if not mine:
+        return GcpDecision(None, 0)
+    usable = [m for m in mine if by_path[m.path].primary]
+    findings: List[Finding] = []
+    if len(usable) < len(mine):
+        findings.append(_secondary(name, len(mine) - len(usable)))
+    seen: Dict[Tuple[float, float, float], Set[str]] = defaultdict(set)
+    places: Dict[Tuple[float, float, float], _XY] = {}
+    for mark in usable:
+        seen[mark.line.point].add(mark.path)
+        places[mark.line.point] = (mark.latitude, mark.longitude)
+    solid = [p for p in seen if len(seen[p]) >= thresholds.gcp_min_images]
+    cameras = [f.position for f in frames if f.primary and f.position is not None]
+
+    refusal = _refusal(name, [places[p] for p in solid], len(seen), cameras, thresholds)
+    if refusal is not None:
+        return GcpDecision(None, len(solid), (*findings, refusal))
+    text = write_gcp(placed.srs, [(m.line, by_path[m.path]) for m in usable])
+    return GcpDecision(text, len(solid), tuple(findings))
+
+
+def _refusal(
+    name: str, solid: Sequence[_XY], marked: int, cameras: Sequence[_XY], thresholds: Thresholds
+) -> Optional[Finding]:
+    wanted = thresholds.gcp_min_points if cameras else thresholds.gcp_min_points_without_gps
+    if len(solid) < wanted:
+        why = (
+            f"{len(solid)} of its {marked} points are marked on {thresholds.gcp_min_images} frames or more, "
+            f"and {wanted} are needed"
+        )
+        return _refused(
+            "gcp-few-points", name, why, float(len(solid)), float(wanted), "Mark more points, or more frames of each."
+        )
+    origin = solid[0]
+    ground = local_metres(solid, origin)
+    ratio = flatness(ground)
+    if ratio < thresholds.collinear_ratio:
+        return _refused(
+            "gcp-collinear", name, "its points lie on one line, so the block could roll about it",
+            round(ratio, 4), thresholds.collinear_ratio, "Add a point well off that line.",
+        )  # fmt: skip
+    block = hull_area_m2(local_metres(cameras, origin))
+    share = hull_area_m2(ground) / block if block > 0 else 1.0
+    if share < thresholds.gcp_hull_share:
+        return _refused(
+            "gcp-hull-small", name, f"its points span {share:.0%} of the block, and the rest could tilt",
+            round(share, 3), thresholds.gcp_hull_share, "Add points towards the corners of the block.",
+        )  # fmt: skip
+    return None
+
+
+def _refused(code: str, name: str, why: str, measured: float, threshold: float, remedy: str) -> Finding:
+    return Finding(
+        code=code,
+        severity=WARNING,
+        subjects=(name,),
+        message=f"{name} gets no ground control: {why}. ODM would switch GPS off for it, so GPS stays.",
+        remedy=f"{remedy} Or run the project with --align on the surface model of the project that has ground control.",
+        measured=measured,
+        threshold=threshold,
+    )
+
+
+def _secondary(name: str, count: int) -> Finding:
+    return Finding(
+        code="gcp-secondary-band",
+        severity=INFO,
+        subjects=(name,),
+        message=f"{count} ground control marks of {name} stand on bands that do not enter ODM's solver; "
+        "it would pass over them without a word.",
+        remedy="Mark the points on frames of the primary band.",
+    )
