@@ -42,8 +42,9 @@ def positive(value: Optional[float]) -> Optional[float]:
 
 
 def apart(a: float, b: float) -> float:
-    """How far apart two positive numbers are, as a share of the smaller."""
-    return max(a, b) / min(a, b) - 1.0
+    """How far apart two positive numbers are, as a share of the smaller (infinite where one vanishes)."""
+    smaller = min(a, b)
+    return max(a, b) / smaller - 1.0 if smaller > 0.0 else math.inf
 
 
 def digital_zoom(frame: Frame) -> float:

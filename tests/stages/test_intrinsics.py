@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Optional
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from sensorgate.stages.focals import STALE
 from sensorgate.stages.frame import FileCalibration, Frame
@@ -271,6 +271,16 @@ def test_gsd() -> None:
 POSITIVE = st.one_of(st.none(), st.floats(min_value=0, max_value=1e7, allow_nan=False))
 
 
+@example(
+    focal=5e-324,
+    equivalent=24.0,
+    resolution=5e-324,
+    unit=4,
+    zoom=1e7,
+    named=("DJI", "FC6310"),
+    size=(5472, 3648),
+    calibrated=5e-324,
+)
 @given(
     focal=POSITIVE,
     equivalent=POSITIVE,

@@ -151,6 +151,8 @@ def test_cameras_of_one_name_are_told_apart() -> None:
     assert (wide.focal_mm, tele.focal_mm, thermal.focal_mm) == (4.4, 29.9, 9.1)
     assert by_focal.id == tele.id
     assert thermal.spectrum == "thermal"
+    m4t = [SHEET.find("DJI", "M4T", 8064, 6048, focal_mm=f) for f in (6.7, 19.4)]
+    assert [r.id for r in m4t if r] == ["dji-m4t-wide", "dji-m4t-medium-tele"]
     m30t = [SHEET.find("DJI", "M30T", w, h, spectrum="thermal") for w, h in ((640, 512), (1280, 1024))]
     assert [r.sensor_width_mm for r in m30t if r] == [7.68, 7.68]
     assert ids([r for r in [SHEET.find("Parrot", "Sequoia", 1280, 960, band="nir")] if r]) == ["parrot-sequoia-nir"]
