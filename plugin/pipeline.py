@@ -234,6 +234,7 @@ def _produce(
     for group in groups:
         check(cancel)
         placed.extend(_prove(group, inspection, folder, copies, progress, cancel))
+    placed = _apart(placed)
     written = place(
         placed, inspection.survey, copies, inspection.control, settings, inspection.assessed.plan, folder.folder("result")
     )
@@ -376,6 +377,26 @@ def _prove(
         )
         folder.keep(kept_name, proof)
     return [Placed(group, proven) for proven in proof.groups]
+
+
+def _apart(placed: Sequence[Placed]) -> List[Placed]:
+    """A block that stands over other ground than most of its spectrum was slipped in: it is isolated, and says so."""
+    frames: Dict[Tuple[str, int], int] = {}
+    for item in placed:
+        key = (item.group.spectrum, item.group.area)
+        frames[key] = frames.get(key, 0) + len(item.proven.frames)
+    main = {
+        spectrum: min((k[1] for k in frames if k[0] == spectrum), key=lambda a: (-frames[(spectrum, a)], a))
+        for spectrum in {k[0] for k in frames}
+    }
+    result: List[Placed] = []
+    for item in placed:
+        if item.group.area != main[item.group.spectrum] and item.proven.route in ("proceed", "pairwise"):
+            why = "It stands over another place than most frames of its spectrum, and aligns alone."
+            proven = replace(item.proven, route="isolate", reasons=(why, *item.proven.reasons))
+            item = replace(item, proven=proven)
+        result.append(item)
+    return result
 
 
 def _conserve(report: Mapping[str, Any]) -> None:
