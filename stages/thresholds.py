@@ -183,7 +183,7 @@ class Thresholds:
     # --- input bounds ------------------------------------------------------------
     max_xmp_bytes: int = _number(4 * 1024 * 1024, "bytes", "an XMP packet larger than this is not read")
     max_xmp_properties: int = _number(20000, "elements", "an XMP packet with more is no camera's and is not parsed")
-    parallel_read_files: int = _number(400, "files", "from here two processes read faster than they take to start")
+    parallel_read_files: int = _number(800, "files", "beyond, two processes read faster than they take to start")
     max_ifd_entries: int = _number(4096, "entries", "a directory with more is damaged")
 
     def replaced(self, changes: Mapping[str, Any]) -> "Thresholds":

@@ -96,7 +96,7 @@ def _jpeg_frame(source: ByteSource, path: str, limits: Thresholds) -> Frame:
     block = exif.read_block(stream, None, problems)
     packets = [source.read(offset, length) for offset, length in layout.xmp[:_MAX_PACKETS] if length > 0]
     packets = packets or _packet_of(block.image, limits, problems)
-    properties = _with_extended(source, layout, packets, xmp.parse(packets, limits), limits)
+    properties = _with_extended(source, layout, xmp.parse(packets, limits), limits)
     picture = _Picture(
         path=path,
         size_bytes=source.size,
@@ -110,9 +110,7 @@ def _jpeg_frame(source: ByteSource, path: str, limits: Thresholds) -> Frame:
     return _frame(picture, block, properties, limits, problems)
 
 
-def _with_extended(
-    source: ByteSource, layout: jpeg.JpegLayout, packets: List[bytes], properties: xmp.Xmp, limits: Thresholds
-) -> xmp.Xmp:
+def _with_extended(source: ByteSource, layout: jpeg.JpegLayout, properties: xmp.Xmp, limits: Thresholds) -> xmp.Xmp:
     guid = properties.text("xmpNote:HasExtendedXMP")
     if not guid or not layout.extended:
         return properties
@@ -120,7 +118,8 @@ def _with_extended(
     if data is None:
         properties.problems.append("xmp-extended-incomplete:not all parts are there")
         return properties
-    return xmp.parse([*packets, data], limits)
+    properties.extend(xmp.parse([data], limits))
+    return properties
 
 
 def _tiff_frame(source: ByteSource, path: str, limits: Thresholds) -> Frame:

@@ -70,6 +70,14 @@ class Xmp:
         items = self.items(*names)
         return items[0] if items else ""
 
+    def extend(self, more: "Xmp") -> None:
+        """Add what ``more`` has and this has not; blocks are not added, as other readers see only the first packet."""
+        for key, value in more.values.items():
+            if not self.values.get(key):
+                self.values[key] = value
+        self.namespaces = tuple(sorted({*self.namespaces, *more.namespaces}))
+        self.problems += [p for p in more.problems if not p.startswith("xmp-multiple-descriptions")]
+
 
 class _Refused(Exception):
     pass
@@ -87,6 +95,8 @@ def parse(packets: Sequence[bytes], limits: Thresholds = DEFAULTS) -> Xmp:
     properties = 0
     for packet in packets:
         properties += packet.count(b"<") + (packet.count(b'"') + packet.count(b"'")) // 2
+        if len(packet) <= limits.max_xmp_bytes:
+            packet = _as_utf8(packet, result.problems)
         if len(packet) > limits.max_xmp_bytes or properties > limits.max_xmp_properties:
             result.problems.append(f"xmp-too-large:{len(packet)} bytes, {properties} properties")
             break
@@ -98,7 +108,6 @@ def parse(packets: Sequence[bytes], limits: Thresholds = DEFAULTS) -> Xmp:
 
 
 def _parse_one(packet: bytes, result: Xmp, used: Dict[str, None]) -> None:
-    packet = _as_utf8(packet, result.problems)
     start, end = packet.find(b"<"), packet.rfind(b">")
     if start < 0 or end < start:
         if packet.strip():

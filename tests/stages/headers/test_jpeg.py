@@ -153,7 +153,7 @@ def test_extended_xmp_is_put_together_in_any_order():
     parts = list(extended(guid, [more[:100], more[100:300], more[300:]]))
     other = list(extended(b"F" * 32, [b"<not-mine/>"]))
     frame = read(jpeg_file(MAKE, main, segments=[parts[2], *other, parts[0], parts[1]]))
-    assert (frame.relative_altitude_m, frame.rtk_flag) == (40.5, 16)
+    assert (frame.relative_altitude_m, frame.rtk_flag, frame.xmp_blocks, frame.problems) == (40.5, 16, 1, ())
     frame = read(jpeg_file(MAKE, main, segments=parts[:2]))
     assert frame.relative_altitude_m is None
     assert "xmp-extended-incomplete:not all parts are there" in frame.problems
