@@ -20,6 +20,7 @@ from .thresholds import DEFAULTS, Thresholds
 
 LWIR = "lwir"
 MONO = "mono"
+STACK = "stack"
 
 _BANDS = {
     "blue": "blue",
@@ -194,7 +195,7 @@ def _by_image_source(frame: Frame, rows: Tuple[SheetRow, ...]) -> Optional[Spect
     said = f"the camera names its source {frame.image_source}"
     if any(word in source for word in _THERMAL_SOURCES):
         return Spectrum(THERMAL, LWIR, said)
-    if any(source.startswith(word) for word in _MS_SOURCES) and frame.channels == 1:
+    if any(source.startswith(word) for word in _MS_SOURCES) and frame.channels <= 2:
         hit = _MS_SOURCE.match(source)
         band = _BANDS[hit.group(1)] if hit else _suffix_band(frame) or _one_band(rows) or MONO
         return Spectrum(MULTISPECTRAL, band, said)
@@ -211,7 +212,7 @@ def _by_payload(frame: Frame, thresholds: Thresholds) -> Optional[Spectrum]:
 
 
 def _by_sheet(frame: Frame, rows: Tuple[SheetRow, ...]) -> Optional[Spectrum]:
-    single = frame.channels == 1
+    single = frame.channels <= 2
     colour = frame.channels >= 3
     fitting = [r for r in rows if not (single and r.spectrum == RGB) and not (colour and r.spectrum == MULTISPECTRAL)]
     if len({r.spectrum for r in fitting}) != 1:
@@ -238,7 +239,9 @@ def _by_maker(frame: Frame, sheet: Sheet) -> Optional[Spectrum]:
 
 
 def _by_pixels(frame: Frame) -> Optional[Spectrum]:
-    if frame.channels != 1:
+    if frame.channels > 4:
+        return Spectrum(MULTISPECTRAL, STACK, f"{frame.channels} channels in one file")
+    if frame.channels > 2:
         return None
     bolometer = _is_bolometer(frame)
     if frame.sample_format == "float":

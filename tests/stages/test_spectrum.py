@@ -154,6 +154,9 @@ CASES = [
     ("unknown handheld", frame(width=320, height=240, make="FLIR", model="FLIR E8"), ("thermal", "lwir")),
     ("unknown model in another size", frame(make="DJI", model="M99T"), ("rgb", "rgb")),
     ("size alone", frame(width=640, height=512, make="Nobody", model="X"), ("rgb", "rgb")),
+    ("a stack of bands in one file", frame("s.tif", bits=16, channels=5), ("multispectral", "stack")),
+    ("colour with transparency", frame("s.png", channels=4), ("rgb", "rgb")),
+    ("grey with transparency", mono("g.tif", channels=2), ("multispectral", "mono")),
     ("nothing known", frame(), ("rgb", "rgb")),
 ]
 
