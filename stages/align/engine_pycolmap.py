@@ -53,10 +53,14 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
     results = []
     for number, cameras in enumerate(task.variants, start=1):
         models = [pycolmap.Reconstruction(str(path)) for path in _stored(Path(task.models))]
+        sigmas: Dict[int, float] = {}
         for model in models:
-            _adjust_model(pycolmap, model, cameras)
+            sigma = _adjust_model(pycolmap, model, cameras)
+            sigmas = {**sigma, **sigmas}
         folder = Path(task.models).parent / f"{Path(task.models).name}-v{number:02d}"
-        results.append(_collect(task.job, cameras, models, folder))
+        solution = _collect(task.job, cameras, models, folder)
+        spread = np.asarray([sigmas.get(i + 1, math.nan) for i in range(len(cameras))])
+        results.append(_with(solution, focal_sigma=spread))
         step("calibration", number, len(task.variants))
     return tuple(results)
 
@@ -174,7 +178,8 @@ def _read_camera(setting: CameraSetting, camera: Any) -> CameraSetting:
         bend = (values[3], values[4], 0.0, 0.0, 0.0)
     else:
         bend = (values[4], values[5], values[6], values[7], values[8])
-    return dataclasses.replace(setting, focal_ratio=values[0] / side, distortion=bend)
+    focal = (values[0] + values[1]) / 2.0 if name == "FULL_OPENCV" else values[0]
+    return dataclasses.replace(setting, focal_ratio=focal / side, distortion=bend)
 
 
 def _map(pycolmap: Any, job: Job, features: Sequence[Features], verified: Dict[Pair, Any], folder: Path) -> List[Any]:
@@ -331,7 +336,8 @@ def _errors(model: Any, image: Any) -> Array:
     return np.asarray(np.hypot(offset[:, 0], offset[:, 1]))
 
 
-def _adjust_model(pycolmap: Any, model: Any, cameras: Sequence[CameraSetting]) -> None:
+def _adjust_model(pycolmap: Any, model: Any, cameras: Sequence[CameraSetting]) -> Dict[int, float]:
+    """Adjust one model in place; returns camera id -> standard error of its solved focal ratio."""
     moving = []
     for camera_id in sorted(model.cameras):
         setting = cameras[camera_id - 1]
@@ -357,5 +363,32 @@ def _adjust_model(pycolmap: Any, model: Any, cameras: Sequence[CameraSetting]) -
         if cameras[camera_id - 1].held:
             config.set_constant_cam_intrinsics(camera_id)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    make = getattr(pycolmap, "create_default_ceres_bundle_adjuster", pycolmap.create_default_bundle_adjuster)
+    adjuster = make(options, config, model)
+    adjuster.solve()
     model.update_point_3d_errors()
+    return _focal_sigmas(pycolmap, model, cameras, adjuster) if options.refine_focal_length else {}
+
+
+def _focal_sigmas(pycolmap: Any, model: Any, cameras: Sequence[CameraSetting], adjuster: Any) -> Dict[int, float]:
+    """Standard errors from the adjustment's covariance, scaled by the residuals that were left."""
+    wanted = pycolmap.BACovarianceOptions()
+    wanted.params = pycolmap.BACovarianceOptionsParams.ALL
+    covariance = pycolmap.estimate_ba_covariance(wanted, model, adjuster)
+    if covariance is None:
+        return {}
+    found: Dict[int, float] = {}
+    for camera_id in sorted(model.cameras):
+        setting = cameras[camera_id - 1]
+        if not setting.solve_focal:
+            continue
+        block = covariance.get_other_params_cov(model.cameras[camera_id].params)
+        errors = [
+            _errors(model, model.images[i]) for i in model.reg_image_ids() if model.images[i].camera_id == camera_id
+        ]
+        pixels = np.concatenate(errors) if errors else np.zeros(0)
+        if block is None or not len(pixels) or not block[0, 0] > 0:
+            continue
+        rms = math.sqrt(float((pixels**2).mean()) / 2.0)
+        found[camera_id] = math.sqrt(float(block[0, 0])) * rms / max(setting.width, setting.height)
+    return found

@@ -15,6 +15,7 @@ from ..progress import Cancel, Progress, check
 from ..record import dumps
 from ..thresholds import Thresholds
 from . import worker
+from .candidates import as_mapped, calibrate
 from .judge import judge, overall
 from .measure import Measured, measure
 from .model import (
@@ -83,8 +84,14 @@ def align_once(
     folder = workspace / _folder(request, rung, side, engine, extra, start)
     solution = worker.solve(job, engine, folder, workspace, progress, cancel)
     candidates: Tuple[Candidate, ...] = ()
+    decisions = as_mapped(request, solution)
+    if not lock and start is None and solution.models:
+        solution, candidates, decisions = calibrate(
+            request, job, solution, ground, engine, folder, thresholds, progress, cancel
+        )
     measured = measure(request.frames, solution, ground, plan.areas, thresholds)
     report = assemble_report(request, rung, engine, job, solution, measured, ground, candidates, thresholds)
+    report = replace(report, decisions=decisions)
     return Aligned(report, request, job, solution, measured, plan)
 
 
@@ -168,10 +175,7 @@ def assemble_report(
         candidates=candidates,
         pairs=tuple(
             sorted(
-                (
-                    PairInliers(*sorted((request.frames[a].path, request.frames[b].path)), n)
-                    for a, b, n in good.tolist()
-                ),
+                (_pair(request, a, b, n) for a, b, n in good.tolist()),
                 key=lambda p: (p.a, p.b),
             )
         ),

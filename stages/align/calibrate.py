@@ -1,0 +1,301 @@
+"""Which calibration of a profile the evidence supports (pure decisions; the adjustments are the engine's).
+
+Reprojection error does not choose: on nadir blocks the lowest belongs to
+bowed models. Bowing chooses the distortion, independent geometry the focal,
+relative altitude and GPS may only veto, and where nothing can be called the
+source rank decides. A self-calibration that the block cannot support is a
+guess like any other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Dict, List, Optional, Sequence, Tuple
+
+from ..thresholds import Thresholds
+from .fit import called
+from .model import AlignCamera, Bowing, Candidate, LockDecision
+from .prepare import focal_over_side, known_distortion
+from .solution import CameraSetting
+
+SOLVED = "solved"
+NONE = "none"
+STRAIGHT = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One calibration to try: a focal ratio (over the longer side) and a distortion, ``None`` where solved."""
+
+    name: str
+    focal_source: str
+    distortion_source: str
+    focal: Optional[float]
+    distortion: Optional[Tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What of a block can hold a self-calibration: oblique share, spread of heights, control points."""
+
+    oblique_share: float
+    height_spread: float
+    control: bool = False
+
+    def strong(self, limits: Thresholds) -> bool:
+        """Obliques, two heights or ground control: the focal is seen by more than its product with height."""
+        return (
+            self.control or self.oblique_share >= limits.oblique_share or self.height_spread >= limits.two_heights_ratio
+        )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a trial fared. ``misfit`` is residual over allowed, the larger of horizontal and vertical.
+
+    ``solved_focal`` and ``solved_distortion`` are its camera after the
+    adjustment, ``focal_sigma`` the standard error of a solved focal.
+    """
+
+    trial: Trial
+    error_px: Optional[float]
+    gps_horizontal_m: Optional[float]
+    gps_vertical_m: Optional[float]
+    misfit: Optional[float]
+    height_m: Optional[float]
+    relief_m: Optional[float]
+    bowing: Bowing
+    solved_focal: float
+    solved_distortion: Tuple[float, ...]
+    focal_sigma: Optional[float] = None
+
+
+def trials_for(camera: AlignCamera) -> Tuple[Trial, ...]:
+    """Return a profile's candidates: trusted focal or solved, times distortion none, known or solved."""
+    focals: List[Tuple[str, Optional[float]]] = [(SOLVED, None)]
+    trusted = focal_over_side(camera) if camera.intrinsics.focal_trusted else None
+    if trusted is not None:
+        focals.insert(0, (camera.intrinsics.focal_source, trusted))
+    bends: List[Tuple[str, Optional[Tuple[float, ...]]]] = [(NONE, STRAIGHT)]
+    known = known_distortion(camera)
+    if known is not None and any(known):
+        bends.append((camera.intrinsics.distortion_source, known))
+    bends.append((SOLVED, None))
+    return tuple(
+        Trial(f"focal {focal_name}, distortion {bend_name}", focal_name, bend_name, focal, bend)
+        for focal_name, focal in focals
+        for bend_name, bend in bends
+    )
+
+
+def setting_for(trial: Trial, current: CameraSetting) -> CameraSetting:
+    """The camera that an adjustment starts from under a trial."""
+    return replace(
+        current,
+        focal_ratio=trial.focal if trial.focal is not None else current.focal_ratio,
+        distortion=trial.distortion if trial.distortion is not None else (*current.distortion[:2], 0.0, 0.0, 0.0),
+        solve_focal=trial.focal is None,
+        solve_distortion=trial.distortion is None,
+    )
+
+
+def frozen(setting: CameraSetting) -> CameraSetting:
+    """The same camera, not moving: how the other profiles stand while one is tried."""
+    return replace(setting, solve_focal=False, solve_distortion=False)
+
+
+def vetoes(outcomes: Sequence[Outcome], flown_height_m: Optional[float], limits: Thresholds) -> Tuple[str, ...]:
+    """Return a reason per outcome that rules it out, ``""`` where none does."""
+    errors = [o.error_px for o in outcomes if o.error_px is not None and math.isfinite(o.error_px)]
+    best = min(errors, default=math.nan)
+    return tuple(_veto(o, best, flown_height_m, limits) for o in outcomes)
+
+
+def _veto(o: Outcome, best_px: float, flown_m: Optional[float], limits: Thresholds) -> str:
+    if o.error_px is None or not math.isfinite(o.error_px):
+        return "its adjustment gave no figures"
+    assumed = o.trial.focal is not None or o.trial.distortion is not None
+    cost = round(o.error_px / best_px - 1.0, 4) if best_px > 0 else 0.0
+    if assumed and cost > limits.held_reproj_cost:
+        return f"costs {cost:.0%} reprojection error, {limits.held_reproj_cost:.0%} is the limit"
+    if o.misfit is not None and o.misfit > 1.0:
+        return f"lies {o.misfit:.1f} times the allowed distance off its GPS"
+    if o.height_m is not None and flown_m is not None:
+        allowed = max(limits.height_veto_m, limits.height_veto_ratio * flown_m) + (o.relief_m or 0.0)
+        if abs(o.height_m - flown_m) > allowed:
+            return (
+                f"stands {o.height_m:.1f} m above ground, flown were {flown_m:.1f} m, {allowed:.1f} m may be explained"
+            )
+    return ""
+
+
+def choose(
+    outcomes: Sequence[Outcome],
+    surfaces: Dict[Tuple[int, int], Bowing],
+    camera: AlignCamera,
+    geometry: Geometry,
+    flown_height_m: Optional[float],
+    limits: Thresholds,
+) -> Tuple[int, LockDecision, Tuple[str, ...]]:
+    """Return the index of the chosen outcome, what to do with the camera, and each outcome's veto.
+
+    ``surfaces`` has the bow of outcome i minus outcome j, i < j, over the
+    points that both have.
+    """
+    veto = vetoes(outcomes, flown_height_m, limits)
+    open_ = [i for i, v in enumerate(veto) if not v]
+    if not open_:
+        free = next(i for i, o in enumerate(outcomes) if o.trial.focal is None and o.trial.distortion is None)
+        chosen = free
+        return (
+            chosen,
+            _decision(outcomes[chosen], camera, False, "every candidate is ruled out: left to be solved"),
+            veto,
+        )
+    strong = geometry.strong(limits) and _certain(outcomes, open_, limits)
+    bend, why_bend = _choose_distortion(outcomes, open_, surfaces, camera, strong, limits)
+    focal, why_focal = _choose_focal(outcomes, open_, bend, strong)
+    chosen = next(
+        i for i in open_ if outcomes[i].trial.distortion_source == bend and outcomes[i].trial.focal_source == focal
+    )
+    fixed = outcomes[chosen].trial.focal is not None and outcomes[chosen].trial.distortion is not None
+    proven = bend != NONE or _known_straight(camera) or why_bend.startswith("bowing")
+    free = [o for o in outcomes if o.trial.focal is None and o.trial.distortion is None]
+    hold, why_hold = False, "left to be solved"
+    if fixed and proven:
+        hold, why_hold = True, "held"
+        if free and _costs_gps(outcomes[chosen], free[0], limits):
+            hold, why_hold = False, "not held: it costs GPS fit against the solved camera"
+    return chosen, _decision(outcomes[chosen], camera, hold, f"{why_bend}; {why_focal}; {why_hold}"), veto
+
+
+def _certain(outcomes: Sequence[Outcome], open_: Sequence[int], limits: Thresholds) -> bool:
+    """The solved focal is known to better than what tells two cameras apart."""
+    free = [outcomes[i] for i in open_ if outcomes[i].trial.focal is None]
+    if not free:
+        return False
+    sigma = free[-1].focal_sigma
+    return sigma is None or limits.solved_focal_sigma * sigma <= limits.focal_source_gap * free[-1].solved_focal
+
+
+def _known_straight(camera: AlignCamera) -> bool:
+    known = known_distortion(camera)
+    return known is not None and not any(known)
+
+
+def _choose_distortion(
+    outcomes: Sequence[Outcome],
+    open_: Sequence[int],
+    surfaces: Dict[Tuple[int, int], Bowing],
+    camera: AlignCamera,
+    strong: bool,
+    limits: Thresholds,
+) -> Tuple[str, str]:
+    """Bowing first, where it can be called; then what is known of the lens; then what was solved."""
+    bends: List[str] = []
+    for i in open_:
+        if outcomes[i].trial.distortion_source not in bends:
+            bends.append(outcomes[i].trial.distortion_source)
+    speaks = {b: next(i for i in open_ if outcomes[i].trial.distortion_source == b) for b in bends}
+    out = {
+        b
+        for b in bends
+        for other in bends
+        if b != other and _bows_more(outcomes, surfaces, speaks[b], speaks[other], limits)
+    }
+    left = [b for b in bends if b not in out] or bends
+    known = known_distortion(camera)
+    rank = [NONE] if _known_straight(camera) else []
+    if known is not None and any(known):
+        rank.append(camera.intrinsics.distortion_source)
+    if strong and SOLVED in left:
+        return (
+            SOLVED,
+            "bowing leaves the solved distortion, and the geometry supports it"
+            if out
+            else "the geometry supports a solved distortion",
+        )
+    for name in (*rank, SOLVED, NONE):
+        if name in left:
+            if out and len(left) == 1:
+                return name, f"bowing chose distortion {name}"
+            words = {NONE: "lens corrected in the camera" if rank else "nothing better than no distortion"}
+            return name, words.get(name, f"distortion {name}")
+    return left[0], f"distortion {left[0]}"
+
+
+def _bows_more(
+    outcomes: Sequence[Outcome], surfaces: Dict[Tuple[int, int], Bowing], a: int, b: int, limits: Thresholds
+) -> bool:
+    """Whether ``a`` surely bows and ``b`` bows surely less: by cameras, and the two surfaces really differ."""
+    bow_a, bow_b = outcomes[a].bowing, outcomes[b].bowing
+    if not called(bow_a, limits.bowing_sigma) or bow_a.bowing_m is None or bow_b.bowing_m is None:
+        return False
+    between = surfaces.get((min(a, b), max(a, b)))
+    if between is None or not called(between, limits.bowing_sigma):
+        return False
+    if not called(bow_b, limits.bowing_sigma):
+        return abs(bow_b.bowing_m) < abs(bow_a.bowing_m)
+    spread = math.hypot(bow_a.se_m or 0.0, bow_b.se_m or 0.0)
+    return abs(bow_a.bowing_m) - abs(bow_b.bowing_m) > limits.bowing_sigma * spread
+
+
+def _choose_focal(outcomes: Sequence[Outcome], open_: Sequence[int], bend: str, strong: bool) -> Tuple[str, str]:
+    names = [outcomes[i].trial.focal_source for i in open_ if outcomes[i].trial.distortion_source == bend]
+    if strong and SOLVED in names:
+        return SOLVED, "the geometry fixes the focal"
+    if names[0] != SOLVED:
+        return names[0], f"focal from {names[0]}"
+    return SOLVED, "focal solved"
+
+
+def _costs_gps(held: Outcome, free: Outcome, limits: Thresholds) -> bool:
+    """Whether holding moved the model off its GPS: more than a tenth worse, and more than a tenth of the allowed."""
+    for mine, other, sigma in (
+        (held.gps_horizontal_m, free.gps_horizontal_m, limits.gps_sigma_horizontal_m),
+        (held.gps_vertical_m, free.gps_vertical_m, limits.gps_sigma_vertical_m),
+    ):
+        if mine is None or other is None:
+            continue
+        if mine > other * (1 + limits.held_reproj_cost) and mine - other > limits.held_reproj_cost * sigma:
+            return True
+    return False
+
+
+def _decision(outcome: Outcome, camera: AlignCamera, hold: bool, reason: str) -> LockDecision:
+    trial = outcome.trial
+    return LockDecision(
+        profile=camera.profile,
+        hold=hold,
+        focal_ratio=round(outcome.solved_focal, 6),
+        center_ratio=camera.intrinsics.center_ratio or (0.0, 0.0),
+        distortion=tuple(round(v, 6) for v in outcome.solved_distortion),
+        source=f"focal {trial.focal_source}, distortion {trial.distortion_source}",
+        reason=reason,
+    )
+
+
+def as_candidates(
+    outcomes: Sequence[Outcome], chosen: int, decision: LockDecision, veto: Sequence[str]
+) -> Tuple[Candidate, ...]:
+    """The outcomes as the report lists them."""
+    return tuple(
+        Candidate(
+            profile=decision.profile,
+            name=o.trial.name,
+            focal_source=o.trial.focal_source,
+            distortion_source=o.trial.distortion_source,
+            focal_ratio=round(o.solved_focal, 6),
+            distortion=tuple(round(v, 6) for v in o.solved_distortion),
+            held=o.trial.focal is not None and o.trial.distortion is not None,
+            mean_reproj_error_px=o.error_px,
+            gps_horizontal_m=o.gps_horizontal_m,
+            gps_vertical_m=o.gps_vertical_m,
+            height_m=o.height_m,
+            bowing=o.bowing,
+            vetoed=veto[i],
+            chosen=i == chosen,
+        )
+        for i, o in enumerate(outcomes)
+    )

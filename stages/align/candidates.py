@@ -1,0 +1,265 @@
+"""Trying calibrations on a solved block: one profile at a time, the others standing still."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import replace
+from pathlib import Path
+from typing import Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ..progress import Cancel, Progress, check
+from ..thresholds import Thresholds
+from . import worker
+from .calibrate import Geometry, Outcome, Trial, as_candidates, choose, frozen, setting_for, trials_for
+from .fit import bowing, height_above_ground, residual_fit, surface_bow
+from .model import AlignCamera, AlignRequest, Bowing, Candidate, LockDecision
+from .prepare import focal_over_side, holdable
+from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
+from .world import Ground, Rows, fit_rows
+
+
+def calibrate(
+    request: AlignRequest,
+    job: Job,
+    solution: Solution,
+    ground: Ground,
+    engine: str,
+    folder: Path,
+    limits: Thresholds,
+    progress: Optional[Progress] = None,
+    cancel: Optional[Cancel] = None,
+) -> Tuple[Solution, Tuple[Candidate, ...], Tuple[LockDecision, ...]]:
+    """Try every profile's candidates and return the solution under the chosen ones.
+
+    Profiles with most frames go first. With several, a second pass repeats
+    each under the others' final cameras; its candidates are the ones told.
+    """
+    order = _profiles(request, job, solution)
+    current = tuple(frozen(c) for c in solution.cameras)
+    base = solution
+    told: Dict[str, Tuple[Candidate, ...]] = {}
+    decided: Dict[str, LockDecision] = {}
+    for lap in range(2 if len(order) > 1 else 1):
+        for profile in order:
+            check(cancel)
+            camera = _main_camera(request, job, solution, profile)
+            trials = trials_for(camera)
+            variants = tuple(_variant(request, current, profile, t, solution) for t in trials)
+            place = folder / f"calibrate-{lap}-{order.index(profile):02d}"
+            task = AdjustJob(solution.stored, job, variants)
+            solved = worker.adjust(task, engine, place, progress, cancel)
+            rows = _rows(request, solution, profile)
+            outcomes = tuple(
+                _outcome(t, request, s, ground, rows, profile, job, limits) for t, s in zip(trials, solved)
+            )
+            surfaces = _surfaces(solved, ground, rows)
+            flown = [h for h in (request.frames[i].height_m for i in rows) if h is not None]
+            height = float(np.median(flown)) if flown else None
+            chosen, decision, veto = choose(
+                outcomes, surfaces, camera, geometry_of(request, solved[-1], ground, rows, limits), height, limits
+            )
+            told[profile] = as_candidates(outcomes, chosen, decision, veto)
+            decided[profile] = decision
+            base = solved[chosen]
+            current = tuple(frozen(c) for c in base.cameras)
+    final = replace(
+        base,
+        cameras=tuple(
+            replace(c, solve_focal=not decided[c.profile].hold, solve_distortion=not decided[c.profile].hold)
+            if c.profile in decided
+            else c
+            for c in base.cameras
+        ),
+        pairs=solution.pairs,
+        notes=solution.notes,
+        features=solution.features,
+    )
+    return final, tuple(c for p in sorted(told) for c in told[p]), tuple(decided[p] for p in sorted(decided))
+
+
+def as_mapped(request: AlignRequest, solution: Solution) -> Tuple[LockDecision, ...]:
+    """Decisions where nothing was tried: trusted calibrations are held, the rest is as it was solved."""
+    found: Dict[str, LockDecision] = {}
+    for index, camera in enumerate(request.cameras):
+        setting = solution.cameras[index]
+        hold = holdable(camera)
+        given = camera.intrinsics
+        found.setdefault(
+            camera.profile,
+            LockDecision(
+                profile=camera.profile,
+                hold=hold,
+                focal_ratio=round(setting.focal_ratio, 6),
+                center_ratio=setting.center_ratio,
+                distortion=tuple(round(v, 6) for v in setting.distortion),
+                source=f"focal {given.focal_source}, distortion {given.distortion_source}" if hold else "focal solved",
+                reason="trusted calibration, held as asked" if hold else "no calibration that may be held",
+            ),
+        )
+    return tuple(found[p] for p in sorted(found))
+
+
+def _profiles(request: AlignRequest, job: Job, solution: Solution) -> List[str]:
+    count: Dict[str, int] = defaultdict(int)
+    for index, frame in enumerate(request.frames):
+        if solution.model[index] != UNPLACED:
+            count[frame.profile] += 1
+    return sorted(count, key=lambda p: (-count[p], p))
+
+
+def _rows(request: AlignRequest, solution: Solution, profile: str) -> Rows:
+    """The profile's frames in the model that holds most of them."""
+    count: Dict[int, int] = defaultdict(int)
+    for index, frame in enumerate(request.frames):
+        if frame.profile == profile and solution.model[index] != UNPLACED:
+            count[int(solution.model[index])] += 1
+    best = min(count, key=lambda m: (-count[m], m))
+    return np.asarray(
+        [i for i, f in enumerate(request.frames) if f.profile == profile and solution.model[i] == best], dtype=np.int64
+    )
+
+
+def _main_camera(request: AlignRequest, job: Job, solution: Solution, profile: str) -> AlignCamera:
+    count = [0] * len(request.cameras)
+    for index, frame in enumerate(job.frames):
+        count[frame.camera] += solution.model[index] != UNPLACED
+    options = [i for i, c in enumerate(request.cameras) if c.profile == profile]
+    return request.cameras[min(options, key=lambda i: (-count[i], i))]
+
+
+def _variant(
+    request: AlignRequest, current: Sequence[CameraSetting], profile: str, trial: Trial, solution: Solution
+) -> Tuple[CameraSetting, ...]:
+    del solution
+    return tuple(
+        setting_for(trial, _restart(request.cameras[i], c)) if c.profile == profile else c
+        for i, c in enumerate(current)
+    )
+
+
+def _restart(camera: AlignCamera, setting: CameraSetting) -> CameraSetting:
+    """A solved focal starts from what the mapping found, or from the trusted value."""
+    known = focal_over_side(camera) if camera.intrinsics.focal_trusted else None
+    return setting if known is None else replace(setting, focal_ratio=known)
+
+
+def _outcome(
+    trial: Trial,
+    request: AlignRequest,
+    solution: Solution,
+    ground: Ground,
+    rows: Rows,
+    profile: str,
+    job: Job,
+    limits: Thresholds,
+) -> Outcome:
+    kept = rows[solution.model[rows] != UNPLACED]
+    weight = solution.observations[kept].astype(float)
+    error: Optional[float] = None
+    if weight.sum() > 0 and np.isfinite(solution.error_px[kept][weight > 0]).all():
+        error = round(float(np.average(np.nan_to_num(solution.error_px[kept]), weights=weight)), 5)
+    camera = _camera_of(solution, job, kept, profile)
+    known = kept[ground.known[kept]]
+    fit = fit_rows(solution, ground, known) if len(known) >= limits.min_proof_frames else None
+    focal_sigma = float(solution.focal_sigma[_camera_index(job, kept)]) if len(kept) else float("nan")
+    plain = Outcome(
+        trial=trial,
+        error_px=error,
+        gps_horizontal_m=None,
+        gps_vertical_m=None,
+        misfit=None,
+        height_m=None,
+        relief_m=None,
+        bowing=Bowing(),
+        solved_focal=camera.focal_ratio,
+        solved_distortion=camera.distortion,
+        focal_sigma=focal_sigma if np.isfinite(focal_sigma) else None,
+    )
+    if fit is None:
+        return plain
+    centers = fit.points(solution.center[known])
+    vertical = bool(ground.vertical[known].all())
+    sigma = (float(np.median(ground.sigma[known, 0])), float(np.median(ground.sigma[known, 1])))
+    gps = residual_fit(centers - ground.east_north_up[known], sigma, len(known), False, vertical)
+    height, relief = height_above_ground(centers, fit.points(_points(solution, kept)))
+    misfit = None
+    if gps.horizontal_m is not None:
+        misfit = gps.horizontal_m / (limits.gps_sigma_factor * sigma[0])
+        if gps.vertical_m is not None:
+            misfit = max(misfit, gps.vertical_m / (limits.gps_sigma_factor * sigma[1]))
+    flights = [request.frames[i].flight for i in known]
+    return replace(
+        plain,
+        gps_horizontal_m=gps.horizontal_m,
+        gps_vertical_m=gps.vertical_m,
+        misfit=None if misfit is None else round(misfit, 4),
+        height_m=height,
+        relief_m=relief,
+        bowing=bowing(centers, ground.east_north_up[known], flights) if vertical else Bowing(),
+    )
+
+
+def _points(solution: Solution, rows: Rows) -> Array:
+    model = solution.model[rows[0]]
+    return solution.point_xyz[solution.point_model == model]
+
+
+def _camera_index(job: Job, rows: Rows) -> int:
+    count: Dict[int, int] = defaultdict(int)
+    for row in rows:
+        count[job.frames[int(row)].camera] += 1
+    return min(count, key=lambda c: (-count[c], c))
+
+
+def _camera_of(solution: Solution, job: Job, rows: Rows, profile: str) -> CameraSetting:
+    if len(rows):
+        return solution.cameras[_camera_index(job, rows)]
+    return next(c for c in solution.cameras if c.profile == profile)
+
+
+def _surfaces(solved: Sequence[Solution], ground: Ground, rows: Rows) -> Dict[Tuple[int, int], Bowing]:
+    """Bow of every two candidates' surfaces, point by point, each laid on the same positions."""
+    laid: List[Optional[Dict[int, Array]]] = []
+    for solution in solved:
+        known = rows[ground.known[rows] & (solution.model[rows] != UNPLACED)]
+        fit = fit_rows(solution, ground, known) if len(known) >= 3 else None
+        if fit is None:
+            laid.append(None)
+            continue
+        inside = solution.point_model == solution.model[known[0]]
+        places = fit.points(solution.point_xyz[inside])
+        laid.append(dict(zip(solution.point_id[inside].tolist(), places)))
+    found: Dict[Tuple[int, int], Bowing] = {}
+    for i in range(len(laid)):
+        for j in range(i + 1, len(laid)):
+            first, second = laid[i], laid[j]
+            if first is None or second is None:
+                continue
+            both = sorted(set(first) & set(second))
+            if both:
+                a = np.asarray([first[p] for p in both])
+                b = np.asarray([second[p] for p in both])
+                found[(i, j)] = surface_bow(a, b, len(rows))
+    return found
+
+
+def geometry_of(request: AlignRequest, solution: Solution, ground: Ground, rows: Rows, limits: Thresholds) -> Geometry:
+    """Measure what supports a self-calibration: solved view tilts and heights of the profile's frames."""
+    kept = rows[(solution.model[rows] != UNPLACED)]
+    known = kept[ground.known[kept]]
+    fit = fit_rows(solution, ground, known) if len(known) >= limits.min_proof_frames else None
+    if fit is None:
+        return Geometry(0.0, 0.0)
+    views = fit.directions(solution.rotation[kept, 2])
+    tilt = np.degrees(np.arccos(np.clip(-views[:, 2], -1.0, 1.0)))
+    oblique = float((tilt > limits.oblique_view_deg).mean())
+    centers = fit.points(solution.center[kept])
+    points = fit.points(_points(solution, kept))
+    height, _ = height_above_ground(centers, points)
+    spread = 0.0
+    if height and height > 0:
+        low, high = np.percentile(centers[:, 2], [5, 95])
+        spread = float((high - low) / height)
+    return Geometry(round(oblique, 4), round(spread, 4))
