@@ -117,7 +117,7 @@ def micasense(name: str = "rededge", **more: Any) -> Payload:
         "name_pattern": "IMG_{number:04d}_{band}.tif",
         "software": "v5.1.7",
         "noise_dn": 90.0,
-        "blur_px": 0.4,
+        "blur_px": 0.3,
         "vignette": 0.3,
         "gain": 0.85,
         **more,

@@ -33,7 +33,6 @@ class Claim:
     camera: Camera
     reported: Reported
     name: str
-    number: int
     celsius: Optional[np.ndarray] = None
 
     def has(self, group: str) -> bool:
@@ -69,15 +68,16 @@ def _gps(claim: Claim, version: Tuple[int, ...] = (2, 3, 0, 0)) -> Directory:
     return tags
 
 
-def _image(claim: Claim, **more: Tuple[str, object]) -> Directory:
+def _image(claim: Claim) -> Directory:
     r = claim.reported
     tags: Directory = {
         0x0112: ("short", 1),
         0x011A: ("rational", (72, 1)),
         0x011B: ("rational", (72, 1)),
         0x0128: ("short", 2),
-        0x0131: ("ascii", r.software),
     }
+    if r.software:
+        tags[0x0131] = ("ascii", r.software)
     if claim.has("model"):
         tags[0x010F] = ("ascii", r.make)
         tags[0x0110] = ("ascii", r.model)
@@ -128,6 +128,15 @@ def _packet(body: str, pad: int = 800) -> str:
         ' <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">\n'
         f"{body} </rdf:RDF>\n</x:xmpmeta>\n{' ' * pad}\n" + '<?xpacket end="w"?>'
     )
+
+
+def _jpeg_block(claim: Claim, pixels: np.ndarray, image: Directory, exif: Directory) -> bytes:
+    """The Exif block of a JPEG, with the tags that the standard asks of JPEGs and a thumbnail."""
+    image[0x0213] = ("short", 1)
+    exif[0x9101] = ("undefined", b"\x01\x02\x03\x00")
+    exif[0xA000] = ("undefined", b"0100")
+    exif[0xA001] = ("short", 1)
+    return tiff_header(8) + tiff_block(image, exif, _gps(claim), thumbnail=small_jpeg(pixels))
 
 
 def _dji_xmp(claim: Claim) -> str:
@@ -197,16 +206,16 @@ def dji(claim: Claim, pixels: np.ndarray) -> bytes:
     image = _image(claim)
     image[0x010E] = ("ascii", "default")
     image[0x9C9C] = ("byte", "0.9.142".encode("utf-16-le"))
-    block = tiff_block(image, _exif(claim, 2.8, (1, 800), 100), _gps(claim), thumbnail=small_jpeg(pixels))
+    block = _jpeg_block(claim, pixels, image, _exif(claim, 2.8, (1, 800), 100))
     xmp = _dji_xmp(claim) if claim.has("xmp") else ""
-    return jpeg_file(pixels, claim.payload.jpeg_quality, tiff_header(8) + block, xmp)
+    return jpeg_file(pixels, claim.payload.jpeg_quality, block, xmp)
 
 
 def dji_thermal(claim: Claim, pixels: np.ndarray) -> bytes:
     """DJI thermal: palette JPEG with the raw counts in APP3 and calibration in APP4 and APP5."""
     image = _image(claim)
     image[0x010E] = ("ascii", "WhiteHot")
-    block = tiff_block(image, _exif(claim, 1.0, (1, 60), 100), _gps(claim), thumbnail=small_jpeg(pixels))
+    block = _jpeg_block(claim, pixels, image, _exif(claim, 1.0, (1, 60), 100))
     segments = []
     if claim.has("raw") and claim.celsius is not None:
         counts = np.clip(claim.celsius * 64.0 + 17000.0, 0, 65535).astype("<u2").tobytes()
@@ -214,15 +223,15 @@ def dji_thermal(claim: Claim, pixels: np.ndarray) -> bytes:
         conditions = np.array([25.0, 5.0, 0.95, 0.5, 25.0], "<f4").tobytes().ljust(224, b"\0")
         segments = [(0xE3, counts), (0xE4, conditions), (0xE5, table)]
     xmp = _dji_xmp(claim) if claim.has("xmp") else ""
-    return jpeg_file(pixels, claim.payload.jpeg_quality, tiff_header(8) + block, xmp, segments)
+    return jpeg_file(pixels, claim.payload.jpeg_quality, block, xmp, segments)
 
 
 def generic(claim: Claim, pixels: np.ndarray) -> bytes:
     """A compact camera under a wing: EXIF only, focal-plane tags, no XMP."""
     exif = _exif(claim, 4.0, (1, 1000), 100)
     exif[0xA217] = ("short", 2)
-    block = tiff_block(_image(claim), exif, _gps(claim), big_endian=False, thumbnail=small_jpeg(pixels))
-    return jpeg_file(pixels, claim.payload.jpeg_quality, tiff_header(8) + block)
+    block = _jpeg_block(claim, pixels, _image(claim), exif)
+    return jpeg_file(pixels, claim.payload.jpeg_quality, block)
 
 
 def _sequence(name: str, values: Iterable[object]) -> str:
@@ -291,7 +300,8 @@ def micasense(claim: Claim, pixels: np.ndarray) -> bytes:
     image[0xC619] = ("short", [2, 2])
     image[0xC61A] = ("rational", [(BLACK_LEVEL, 1)] * 4)
     exif = _exif(claim, 2.8, (1, 556), 100, subsec=True)
-    exif.pop(0xA404)
+    for tag in (0xA002, 0xA003, 0xA404):
+        exif.pop(tag)
     return tiff_file(pixels, image, exif, _gps(claim, (2, 2, 0, 0)))
 
 

@@ -111,7 +111,14 @@ def tiff_block(
     if gps:
         block += _pack(gps, gps_at, 0, order)
     if thumbnail:
-        small: Directory = {0x0103: ("short", 6), 0x0201: ("long", 0), 0x0202: ("long", len(thumbnail))}
+        small: Directory = {
+            0x0103: ("short", 6),
+            0x011A: ("rational", (72, 1)),
+            0x011B: ("rational", (72, 1)),
+            0x0128: ("short", 2),
+            0x0201: ("long", 0),
+            0x0202: ("long", len(thumbnail)),
+        }
         small[0x0201] = ("long", next_at + _size(small, order))
         block += _pack(small, next_at, 0, order) + thumbnail
     return block

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import List, Optional, Tuple
 
 import numpy as np
@@ -157,8 +157,6 @@ def _report(payload: Payload, band: str, clock: float, capture: str, rig: bool) 
 
 def placed(shot: Shot, lens: Vector, body: np.ndarray, scene: Scene, receiver: Receiver, noise: np.ndarray) -> Shot:
     """Put a shot where it is and let the receiver say where it believes to be (``noise``: four unit normals)."""
-    from dataclasses import replace
-
     felt = body + np.array(receiver.bias_m)
     felt = felt + noise[:3] * np.array(
         [receiver.sigma_horizontal_m, receiver.sigma_horizontal_m, receiver.sigma_vertical_m]

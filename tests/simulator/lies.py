@@ -117,15 +117,12 @@ def lose(survey: Survey, *paths: str) -> Survey:
     return replace(survey, shots=tuple(s for s in survey.shots if s.path not in paths))
 
 
-def at_hand(survey: Survey, payload: str, indices: Tuple[int, ...]) -> Survey:
-    """Some captures become calibration-panel captures: taken by hand a metre above the ground."""
-    captures = sorted({s.capture for s in survey.shots if s.payload == payload})
-    chosen = {captures[i] for i in indices}
+def panels(survey: Survey, payload: str, captures: Tuple[int, ...]) -> Survey:
+    """Some captures become calibration-panel captures: taken by hand a good metre above the ground."""
+    names = sorted({s.capture for s in survey.shots if s.payload == payload})
+    chosen = {names[i] for i in captures}
 
     def change(shot: Shot, _: int) -> Shot:
-        if shot.capture not in chosen:
-            return shot
-        place = (shot.position[0], shot.position[1], 14.0)
-        return replace(shot, position=place, role="panel", reported=replace(shot.reported, relative_altitude_m=1.0))
+        return replace(shot, role="panel") if shot.capture in chosen else shot
 
     return change_shots(survey, change, payload)

@@ -93,7 +93,7 @@ def hit(world: World, camera: Camera, rotation: np.ndarray, center: np.ndarray) 
     top = min(float(world.ground.height.max()), float(center[2]) - 0.5)
     bottom = float(world.ground.height.min()) - 0.01
     steepest = math.hypot(float(np.abs(east).max()), float(np.abs(north).max()))
-    count = int(np.clip(math.ceil((top - bottom) * max(1.0, steepest) / 1.5), 4, 60))
+    count = int(np.clip(math.ceil((top - bottom) * max(1.0, steepest) / 1.2), 4, 60))
     low, high = _march(field, list(np.linspace(top, bottom, count + 1).astype(np.float32)))
     coarse = np.float32(0.5) * (low + high)
     around = np.ones((3, 3), np.uint8)
@@ -152,6 +152,30 @@ def sample(
         side = look_up(WALL_TEXEL_M) * light
         seen = (seen + weight * (side - seen)).astype(seen.dtype)
     return seen, z
+
+
+def with_panel(texture: np.ndarray) -> np.ndarray:
+    """A grey calibration panel lying in the middle, with a coded corner."""
+    import cv2
+
+    height, width = texture.shape[:2]
+    full = float(np.iinfo(texture.dtype).max)
+    linear = 1.0 / GAMMA if texture.dtype == np.uint8 else 1.0
+    image = texture.copy()
+
+    def square(center: Tuple[float, float], side: float, light: float) -> None:
+        box = cv2.boxPoints(((center[0], center[1]), (side, side), 8.0)).astype(np.int32)
+        value = full * light**linear
+        cv2.fillConvexPoly(image, box, (value, value, value) if image.ndim == 3 else value)
+
+    side = 0.30 * width
+    square((0.5 * width, 0.5 * height), 1.25 * side, 0.04)
+    square((0.5 * width, 0.5 * height), side, 0.5)
+    code = np.random.default_rng(11).random((7, 7)) < 0.5
+    cell = 0.02 * width
+    for row, column in np.argwhere(code):
+        square((0.14 * width + column * cell, 0.4 * height + row * cell), cell, 0.9)
+    return image
 
 
 _NOISE: Dict[int, np.ndarray] = {}

@@ -21,6 +21,8 @@ from .world import World
 IMAGES = "images"
 MARGIN_M = 4.0
 EDGE_PX = 8.0
+PANEL_HEIGHT_M = 1.3
+MOST_TEXELS = 36e6
 Progress = Callable[[int, int], None]
 
 
@@ -100,14 +102,19 @@ def world_of(survey: Survey, scene: Scene, seed: int) -> World:
         if shot.role == "survey":
             finest = min(finest, shot.position[2] / camera.focal_px)
     points = [p for p in survey.points if p.scene == scene.id]
-    return World.make(scene, seed, (west, south, east, north), finest, points)
+    texel = max(finest, math.sqrt((east - west) * (north - south) / MOST_TEXELS))
+    return World.make(scene, seed, (west, south, east, north), texel, points)
 
 
 def render_shot(world: World, payload: Payload, shot: Shot, seed: int) -> Tuple[bytes, TrueFrame]:
     """The bytes of one frame's file and its truth."""
     band, camera = payload.bands[shot.band], shot.optics(payload)
+    if shot.role == "panel":
+        shot = at_hand(world, shot)
     rotation, center = shot.rotation(payload), np.array(shot.position)
     texture, z = renderer.sample(world, band.channels, camera, rotation, center)
+    if shot.role == "panel":
+        texture = renderer.with_panel(texture)
     gen = rng(seed, "noise", shot.path)
     gain = payload.gain * shot.exposure
     celsius = None
@@ -125,7 +132,7 @@ def render_shot(world: World, payload: Payload, shot: Shot, seed: int) -> Tuple[
             texture, gen, gain, payload.offset_dn, payload.noise_dn, payload.blur_px, payload.vignette
         )
     name = shot.path.rsplit("/", 1)[-1]
-    claim = Claim(payload, band, camera, shot.reported, name, 0, celsius)
+    claim = Claim(payload, band, camera, shot.reported, name, celsius)
     mean_height = float(center[2] - z.mean())
     latitude, longitude, altitude = world.scene.origin.to_geodetic(*shot.position)
     frame = TrueFrame(
@@ -160,16 +167,36 @@ def render_shot(world: World, payload: Payload, shot: Shot, seed: int) -> Tuple[
     return WRITERS[payload.dialect](claim, pixels), frame
 
 
+def at_hand(world: World, shot: Shot) -> Shot:
+    """A panel capture: held a good metre above the ground where the shot stands, and reported so."""
+    east, north, flown = shot.position
+    up = float(world.heights(east, north)) + PANEL_HEIGHT_M
+    said = shot.reported
+    altitude = None if said.altitude_m is None else said.altitude_m + up - flown
+    relative = None if said.relative_altitude_m is None else PANEL_HEIGHT_M
+    reported = replace(said, altitude_m=altitude, relative_altitude_m=relative)
+    return replace(shot, position=(east, north, up), reported=reported)
+
+
 def _tell_file_lies(survey: Survey, images: Path, frames: Dict[str, TrueFrame]) -> None:
     for lie in survey.file_lies:
         data = KINDS[lie.kind]((images / lie.path).read_bytes(), lie.arguments)
         target = str(lie.arguments.get("to", lie.path))
         _write(images / target, data)
         before = frames[lie.path]
+        if lie.kind == "resize":
+            before = replace(before, camera=_resized(before.camera, float(lie.arguments.get("factor", 0.5))))
         if lie.kind == "rename":
             (images / lie.path).unlink()
             del frames[lie.path]
         frames[target] = replace(before, path=target, lies=(*before.lies, lie.kind))
+
+
+def _resized(camera: TrueCamera, factor: float) -> TrueCamera:
+    """What is true of a frame that its owner resampled."""
+    width, height = round(camera.width * factor), round(camera.height * factor)
+    center = (camera.center_px[0] * width / camera.width, camera.center_px[1] * height / camera.height)
+    return replace(camera, width=width, height=height, center_px=center)
 
 
 def _points(survey: Survey, worlds: Dict[str, World], frames: Dict[str, TrueFrame]) -> List[TruePoint]:

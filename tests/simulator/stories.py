@@ -150,6 +150,39 @@ def rig_trouble(seed: int) -> Survey:
     return lies.rename(survey, "rededge/IMG_0005_4.tif", "rededge/IMG_0055_4.tif")
 
 
+def panels(seed: int) -> Survey:
+    """A rig's flight between two panel captures, with three transit captures on the climb."""
+    rig = catalogue.micasense()
+    survey = _survey("panels", (rig, fly(rig, Plan(90.0, 2, 4, transit=3), GROUND, seed)))
+    return lies.panels(survey, "rededge", (0, -1))
+
+
+def stale_tags(seed: int) -> Survey:
+    """A compact camera's owner shrank the second half of the frames and kept every tag, focal plane included."""
+    camera = catalogue.compact()
+    survey = _survey("stale-tags", (camera, fly(camera, Plan(55.0, 3, 4), GROUND, seed)))
+    for shot in survey.shots[6:]:
+        survey = lies.spoil(survey, shot.path, "resize", factor=0.5)
+    return survey
+
+
+def one_other_size(seed: int) -> Survey:
+    """A clean survey in which one frame was taken in a smaller mode."""
+    survey = clean(seed)
+    return replace(lies.resize_one(survey, survey.shots[9].path, 0.5), name="one-other-size")
+
+
+def obliques(seed: int) -> Survey:
+    """Nadir strips, cross strips at another height and a tilted pass: geometry that fixes a focal length."""
+    camera = catalogue.kestrel()
+    return _survey(
+        "obliques",
+        (camera, fly(camera, Plan(60.0, 3, 5), GROUND, seed)),
+        (camera, fly(camera, Plan(78.0, 2, 4, heading_deg=90.0, start_s=37200.0, first_number=51), GROUND, seed)),
+        (camera, fly(camera, Plan(60.0, 2, 4, oblique_deg=30.0, start_s=38400.0, first_number=81), GROUND, seed)),
+    )
+
+
 STORIES: Dict[str, Callable[[int], Survey]] = {
     "tiny": tiny,
     "clean": clean,
@@ -162,6 +195,10 @@ STORIES: Dict[str, Callable[[int], Survey]] = {
     "altitudes-1-3": altitudes_1_3,
     "broken-files": broken_files,
     "rig-trouble": rig_trouble,
+    "panels": panels,
+    "stale-tags": stale_tags,
+    "one-other-size": one_other_size,
+    "obliques": obliques,
 }
 
 

@@ -74,7 +74,7 @@ class Payload:
     gain: float = 1.0
     offset_dn: float = 0.0
     noise_dn: float = 1.6
-    blur_px: float = 0.45
+    blur_px: float = 0.3
     vignette: float = 0.18
     jpeg_quality: int = 92
     route: str = "proceed"

@@ -16,6 +16,8 @@ from .survey import ControlPoint, Scene, rng
 SUN_AZIMUTH_DEG = 215.0
 SUN_ELEVATION_DEG = 48.0
 TARGET_M = 1.2
+# A pixel averages over its own width: as a Gaussian, less what bilinear sampling adds.
+PIXEL_SIGMA = 0.38
 # 8-bit textures hold display values, so that averaging and noise look as in a camera's JPEG.
 GAMMA = 2.2
 THERMAL_RANGE_C = (8.0, 62.0)
@@ -56,6 +58,9 @@ class World:
         for point in points:
             around = (point.east - 7.0, point.north - 7.0, point.east + 7.0, point.north + 7.0)
             east_m, north_m = world._open_ground(gen, around)
+            # On a texel corner, so that the painted crossing is exactly at the point.
+            east_m = west + texel_m * round((east_m - west) / texel_m)
+            north_m = north - texel_m * round((north - north_m) / texel_m)
             world.points[point.id] = replace(point, east=east_m, north=north_m)
             world._paint_target(world.points[point.id])
         return world
@@ -198,8 +203,8 @@ class World:
             plants = GRASS_C + np.float32(DRY_C - GRASS_C) * ground.dry[rows] - np.float32(2.0) * tone
             value += ground.grass[rows] * (plants - value)
             np.copyto(value, cv2.LUT(material, temperature()), where=material != 0)
-            value += np.float32(0.5) * cv2.LUT(material, texture()) * ground.detail[rows]
-            celsius[rows] = value + np.float32(0.9) * own[rows] - np.float32(7.0) * shadow[rows]
+            value += np.float32(0.8) * cv2.LUT(material, texture()) * ground.detail[rows]
+            celsius[rows] = value + np.float32(1.1) * own[rows] - np.float32(7.0) * shadow[rows]
         celsius = cv2.GaussianBlur(celsius, (0, 0), 0.10 / ground.texel_m)
         low, high = THERMAL_RANGE_C
         for rows in strips(out.shape[0]):
@@ -220,22 +225,25 @@ class World:
         return image
 
     def layer(self, channels: Tuple[str, ...], gsd_m: float) -> Tuple[np.ndarray, float]:
-        """The texture of a channel set whose texel suits ``gsd_m``, and that texel (m).
+        """The texture of a channel set that suits ``gsd_m``, and its texel (m).
 
-        Levels are half octaves apart; the texel is 0.6 to 0.85 of the ground
-        sampling distance, so that bilinear sampling neither blurs nor aliases.
+        Texels are 0.6 to 0.9 of the ground sampling distance and already
+        averaged over what one pixel covers, so that bilinear sampling
+        does not alias.
         """
         import cv2
 
-        level = max(0, math.floor(2.0 * math.log2(0.85 * gsd_m / self.ground.texel_m)))
-        key = (channels, level)
+        step = max(0, round(4.0 * math.log2(max(gsd_m / self.ground.texel_m, 1.0))))
+        key = (channels, step)
         if key not in self.layers:
-            if (channels, 0) not in self.layers:
-                self.layers[channels, 0] = self._base(channels)
-            base = self.layers[channels, 0]
-            factor = 2.0 ** (-level / 2.0)
-            size = (round(base.shape[1] * factor), round(base.shape[0] * factor))
-            self.layers[key] = cv2.resize(base, size, interpolation=cv2.INTER_AREA) if level else base
+            if (channels, -1) not in self.layers:
+                self.layers[channels, -1] = self._base(channels)
+            image = self.layers[channels, -1]
+            reduce = 2.0 ** (-max(0, (step - 1) // 2) / 2.0)
+            if reduce < 1.0:
+                size = (round(image.shape[1] * reduce), round(image.shape[0] * reduce))
+                image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+            self.layers[key] = cv2.GaussianBlur(image, (0, 0), PIXEL_SIGMA * 2.0 ** (step / 4.0) * reduce)
         image = self.layers[key]
         return image, self.ground.texel_m * self.ground.shape[1] / image.shape[1]
 
