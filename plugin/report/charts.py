@@ -77,7 +77,10 @@ def gps_chart(found: Mapping[str, Any], colour: Colours) -> str:
         return ""
     left, right, step = 52.0, WIDTH - 12.0, 19.0
     top = max(values) * 1.08 or 1.0
-    place = lambda v: left + (right - left) * v / top  # noqa: E731
+
+    def place(value: float) -> float:
+        return left + (right - left) * value / top
+
     body: List[str] = []
     y = -4.0
     words = []

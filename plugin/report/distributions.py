@@ -28,7 +28,10 @@ def gsd_chart(view: View, colour: Colours) -> str:
     values = [v for _, before, after in rows for v in (*before, *after)]
     low, high = math.log(min(values) / 1.15), math.log(max(values) * 1.15)
     left, right = 8.0, WIDTH - 8.0
-    place = lambda v: left + (right - left) * (math.log(v) - low) / (high - low)  # noqa: E731
+
+    def place(gsd_cm: float) -> float:
+        return left + (right - left) * (math.log(gsd_cm) - low) / (high - low)
+
     body: List[str] = []
     y = 0.0
     words = []
@@ -97,7 +100,10 @@ def focal_chart(view: View, colour: Colours) -> str:
         return ""
     reach = 1.2 * max(limit / 2, max(abs(d) for _, counts, _ in rows for d in counts))
     left, right = 14.0, WIDTH - 14.0
-    place = lambda d: left + (right - left) * (d + reach) / (2 * reach)  # noqa: E731
+
+    def place(deviation: float) -> float:
+        return left + (right - left) * (deviation + reach) / (2 * reach)
+
     body: List[str] = []
     y = 4.0
     words = []

@@ -104,6 +104,7 @@ def _context(view: View) -> Dict[str, Any]:
         "severities": [(s, sum(g.count for g in groups if g.severity == s)) for s in ("error", "warning", "info")],
         "actions": {(a["profile"], a["flight"]): a for a in report["actions"]},
         "payload_of": {p: i["id"] for i in report["payloads"] for p in i["profiles"]},
+        "lost": any((s["alignment"] or {}).get("unregistered") for s in report["subprojects"]),
         "excluded": story.excluded_groups(view),
         "reason_words": _reason_words(view),
         "tiles": _tiles(view),
@@ -133,7 +134,7 @@ def _tiles(view: View) -> List[Tuple[str, str]]:
         (f"{left:,}", "left out"),
         (f"{len(report['profiles']):,}", "true cameras" if len(report["profiles"]) != 1 else "true camera"),
         (f"{len(report['payloads']):,}", "payloads" if len(report["payloads"]) != 1 else "payload"),
-        (f"{len(report['subprojects']):,}", "projects" if len(report["subprojects"]) != 1 else "project"),
+        *[(f"{n:,}", "projects" if n != 1 else "project") for n in (len(report["subprojects"]),) if n],
     ]
 
 

@@ -17,7 +17,8 @@ from .view import View, plural
 METRES_PER_DEGREE = 111_320.0  # of latitude; a map for the eye needs no ellipsoid
 SITE_CELL_M = 2000.0
 MOST_SITES = 4
-WIDTH, MARGIN, MOST_HEIGHT, LEAST_HEIGHT = 960.0, 46.0, 620.0, 240.0
+WIDTH, MARGIN, LEAST_HEIGHT = 960.0, 46.0, 240.0
+MOST_HEIGHT, MOST_HEIGHT_LATER = 620.0, 340.0
 MOST_MARKS = 200
 Cell = Tuple[int, int]
 
@@ -49,7 +50,8 @@ def site_maps(view: View) -> List[SiteMap]:
     for number, cells in enumerate(drawn, 1):
         here = [f for f in placed if _cell(f) in cells or _near(f, cells)]
         covered.update(f["path"] for f in here)
-        maps.append(_draw(view, here, f"Site {number}" if len(sites) > 1 else "Survey"))
+        height = MOST_HEIGHT if number == 1 else MOST_HEIGHT_LATER
+        maps.append(_draw(view, here, f"Site {number}" if len(sites) > 1 else "Survey", height))
     missing = len(view.report["frames"]) - len(placed)
     away = len(placed) - len(covered)
     notes = [
@@ -99,13 +101,13 @@ def _sites(frames: Sequence[Mapping[str, Any]]) -> List[Set[Cell]]:
 class _Projection:
     """Degrees to drawing units, north up."""
 
-    def __init__(self, frames: Sequence[Mapping[str, Any]]) -> None:
+    def __init__(self, frames: Sequence[Mapping[str, Any]], most_height: float) -> None:
         self.latitude, self.longitude = frames[0]["latitude"], frames[0]["longitude"]
         self.narrow = max(0.01, math.cos(math.radians(self.latitude)))
         metres = [self._metres(f["latitude"], f["longitude"]) for f in frames]
         east, north = [m[0] for m in metres], [m[1] for m in metres]
         width, depth = max(max(east) - min(east), 40.0), max(max(north) - min(north), 20.0)
-        self.scale = min((WIDTH - 2 * MARGIN) / width, (MOST_HEIGHT - 2 * MARGIN) / depth)
+        self.scale = min((WIDTH - 2 * MARGIN) / width, (most_height - 2 * MARGIN) / depth)
         self.height = max(LEAST_HEIGHT, depth * self.scale + 2 * MARGIN)
         self.middle = ((max(east) + min(east)) / 2, (max(north) + min(north)) / 2)
 
@@ -121,9 +123,9 @@ class _Projection:
         return 4 <= at[0] <= WIDTH - 4 and 4 <= at[1] <= self.height - 4
 
 
-def _draw(view: View, frames: Sequence[Mapping[str, Any]], name: str) -> SiteMap:
+def _draw(view: View, frames: Sequence[Mapping[str, Any]], name: str, most_height: float) -> SiteMap:
     used = [f for f in frames if not f["reason"]] or list(frames)
-    project = _Projection(used)
+    project = _Projection(used, most_height)
     order = [p["id"] for p in view.report["payloads"]]
     here = {f["path"]: project(f["latitude"], f["longitude"]) for f in frames}
     radius = max(1.4, min(5.0, 0.22 * math.sqrt(WIDTH * project.height / max(1, len(used)))))
@@ -136,10 +138,12 @@ def _draw(view: View, frames: Sequence[Mapping[str, Any]], name: str) -> SiteMap
                 way = [here[p] for p in flight["frames"] if p in here and project.inside(here[p])]
                 body.append(svg.polyline(way, f"way {svg.colour_class(index)}"))
         body.append("</g>")
+    drawn = 0
     for index, payload in enumerate(order):
         spots = [here[f["path"]] for f in used if f["payload"] == payload and project.inside(here[f["path"]])]
         # Payloads of one drone stand on one spot: each next one is drawn smaller, as a ring around a dot.
-        size = 2 * radius * max(0.4, 1.0 - 0.15 * index)
+        size = 2 * radius * max(0.5, 1.0 - 0.15 * drawn)
+        drawn += bool(spots)
         body.append(f'<g class="layer-{index}">{svg.dots(spots, svg.colour_class(index), size)}</g>')
     body.extend(_marks(view, frames, here, project))
     body.extend(_control(view, project))

@@ -7,7 +7,7 @@ import math
 from typing import Iterable, List, Sequence, Tuple
 
 Point = Tuple[float, float]
-PALETTE_SIZE = 8
+PALETTE_SIZE = 12
 
 
 def number(value: float) -> str:
