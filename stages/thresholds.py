@@ -60,6 +60,16 @@ class Thresholds:
         0.1, "focal over image width", "a calibrated focal without a unit is pixels from here: less would see 157 degrees"
     )
 
+    focal_mm_factor: float = _number(
+        2.0, "ratio", "a calibrated focal without a unit within this of the Exif focal is millimetres like it"
+    )
+    center_margin: float = _number(
+        0.25, "of the side", "a calibrated principal point nearer to the edge belongs to another picture size"
+    )
+    calibrated_size_tolerance: float = _number(
+        0.02, "ratio", "a frame within this of the calibrated size is a crop of it, not a reduced one"
+    )
+
     # --- captures and flights ----------------------------------------------------
     capture_time_s: float = _number(2.0, "s", "frames of one DJI capture are written within this time")
     capture_distance_m: float = _number(3.0, "m", "frames of one capture stand at one place within GPS rounding")

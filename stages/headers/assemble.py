@@ -20,7 +20,6 @@ _OTHER_FORMATS = (
     (b"BM", "a BMP picture"),
     (b"%PDF", "a PDF document"),
     (b"PK\x03\x04", "a ZIP archive"),
-    (b"\x00\x00\x00\x00", "zeros: the copy from the card failed"),
 )
 _PANEL_TAGS = tuple(
     f"{prefix}:{name}"
@@ -71,6 +70,8 @@ def frame_from(source: ByteSource, path: str, limits: Thresholds = DEFAULTS) -> 
             return _tiff_frame(source, path, limits)
     except BeyondEnd:
         raise FrameError("truncated-image", "The file ends inside its header: it was not copied whole.") from None
+    if not any(start):
+        raise FrameError("not-an-image", "The file begins with zeros: the copy from the card failed.")
     raise FrameError("not-an-image", f"The file holds {_what(start)}, not a JPEG, TIFF or DNG picture.")
 
 
@@ -96,7 +97,8 @@ def _jpeg_frame(source: ByteSource, path: str, limits: Thresholds) -> Frame:
     block = exif.read_block(stream, None, problems)
     packets = [source.read(offset, length) for offset, length in layout.xmp[:_MAX_PACKETS] if length > 0]
     packets = packets or _packet_of(block.image, limits, problems)
-    properties = _with_extended(source, layout, xmp.parse(packets, limits), limits)
+    properties = xmp.parse(packets, limits)
+    _add_extended(source, layout, properties, limits)
     picture = _Picture(
         path=path,
         size_bytes=source.size,
@@ -110,16 +112,15 @@ def _jpeg_frame(source: ByteSource, path: str, limits: Thresholds) -> Frame:
     return _frame(picture, block, properties, limits, problems)
 
 
-def _with_extended(source: ByteSource, layout: jpeg.JpegLayout, properties: xmp.Xmp, limits: Thresholds) -> xmp.Xmp:
+def _add_extended(source: ByteSource, layout: jpeg.JpegLayout, properties: xmp.Xmp, limits: Thresholds) -> None:
     guid = properties.text("xmpNote:HasExtendedXMP")
     if not guid or not layout.extended:
-        return properties
+        return
     data = jpeg.extended_xmp(source, layout, guid.encode("ascii", "replace"), limits.max_xmp_bytes)
     if data is None:
         properties.problems.append("xmp-extended-incomplete:not all parts are there")
-        return properties
-    properties.extend(xmp.parse([data], limits))
-    return properties
+    else:
+        properties.extend(xmp.parse([data], limits))
 
 
 def _tiff_frame(source: ByteSource, path: str, limits: Thresholds) -> Frame:

@@ -38,8 +38,9 @@ class _Asked:
     problems: List[str]
 
     def inside(self, center: Tuple[float, float]) -> Optional[Tuple[float, float]]:
-        """A principal point outside of the middle half of the frame belongs to another picture size."""
-        if all(0.25 * s <= c <= 0.75 * s for c, s in zip(center, self.size)):
+        """A principal point where one can be in this frame, else ``None`` and a note."""
+        margin = self.limits.center_margin
+        if all(margin * s <= c <= (1.0 - margin) * s for c, s in zip(center, self.size)):
             return center
         self.problems.append("calibration-center-outside:principal point")
         return None
@@ -115,7 +116,8 @@ def _in_pixels(asked: _Asked, focal: float) -> bool:
     unit = asked.xmp.text("Camera:PerspectiveFocalLengthUnits", "Camera:PerspectiveFocalLengthUnit").lower()
     if unit:
         return unit.startswith("p")
-    if asked.focal_mm is not None and 0.5 <= focal / asked.focal_mm <= 2.0:
+    factor = asked.limits.focal_mm_factor
+    if asked.focal_mm is not None and 1.0 / factor <= focal / asked.focal_mm <= factor:
         return False
     return focal >= asked.limits.focal_px_min_ratio * asked.size[0]
 
@@ -132,7 +134,7 @@ def _scale_of_sensor(asked: _Asked) -> float:
     if x is None or y is None or x <= 0 or y <= 0:
         return asked.resized
     ratio = max(asked.size[0] / (2.0 * x), asked.size[1] / (2.0 * y))
-    return 1.0 if abs(ratio - 1.0) < 0.02 else ratio
+    return 1.0 if abs(ratio - 1.0) < asked.limits.calibrated_size_tolerance else ratio
 
 
 def _dewarp(asked: _Asked) -> Optional[FileCalibration]:
