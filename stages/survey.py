@@ -17,7 +17,7 @@ from .captures import group_captures
 from .flights import SURVEY, Height, find_flights, gsd_cm, height_above_ground
 from .frame import BrokenFrame, Frame
 from .grouping import Sighting, camera_name, clean_serial, group, slug
-from .intrinsics import corrected_in_camera, resolve
+from .intrinsics import corrected_in_camera, find_row, resolve
 from .profile import MULTISPECTRAL, RGB, THERMAL, CameraProfile, Flight, Payload, SurveyFrame
 from .read import Scan
 from .sensors import Sheet
@@ -156,23 +156,13 @@ def build(
     sights = []
     for frame in unique:
         kind = kinds[frame.path]
-        row = sheet.find(
-            frame.make,
-            frame.model,
-            frame.width,
-            frame.height,
-            lens=frame.lens,
-            spectrum=kind.spectrum,
-            image_source=frame.image_source,
-            focal_mm=frame.focal_mm,
-            band=kind.band,
-        )
+        row = find_row(frame, kind.spectrum, sheet, kind.band)
         sights.append(
             Sighting(
                 frame=frame,
                 spectrum=kind.spectrum,
                 band=kind.band,
-                intrinsics=resolve(frame, kind.spectrum, sheet, limits),
+                intrinsics=resolve(frame, kind.spectrum, sheet, limits, kind.band),
                 corrected_in_camera=corrected_in_camera(frame, row),
                 zoom_lens=bool(row is not None and row.zoom),
             )

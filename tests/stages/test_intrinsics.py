@@ -330,7 +330,7 @@ def test_uniform_scaling_keeps_the_equivalents_ratio(scale: float, equivalent: i
 
 
 REAL_RATIOS = {
-    "brighton_p3_rgb/DJI_0018.JPG": ("sheet", 0.5823),
+    "brighton_p3_rgb/DJI_0018.JPG": ("sheet", 0.5851),
     "caliterra_canon_rgb/IMG_9374.jpg": ("focal-plane", 0.7261),
     "garfield_sequoia_rgb_ms/IMG_161122_163234_0000_RGB.JPG": ("xmp-camera", 0.7793),
     "garfield_sequoia_rgb_ms/IMG_161122_163234_0000_NIR.TIF": ("xmp-camera", 0.8314),

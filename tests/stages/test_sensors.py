@@ -118,10 +118,10 @@ def test_spelling_of_names_does_not_matter(row: SheetRow, spelled: Any) -> None:
 @pytest.mark.parametrize(
     "asked, width, match",
     [
-        (("DJI", "FC300S", 4000, 3000), 6.2, EXACT),
-        (("DJI", "FC300S", 4000, 2250), 6.2, EXACT),
-        (("DJI", "FC300S", 2000, 1500), 6.2, SCALED),
-        (("DJI", "FC300S", 4000, 2400), 6.2, CROPPED),
+        (("DJI", "FC300S", 4000, 3000), 6.17, EXACT),
+        (("DJI", "FC300S", 4000, 2250), 6.17, EXACT),
+        (("DJI", "FC300S", 2000, 1500), 6.17, SCALED),
+        (("DJI", "FC300S", 4000, 2400), 6.17, CROPPED),
         (("DJI", "FC6310", 4864, 3648), 11.67, EXACT),
         (("DJI", "FC6310", 5472, 3078), 13.13, EXACT),
         (("DJI", "FC6310", 3648, 5472), 13.13 * 3648 / 5472, EXACT),

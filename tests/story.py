@@ -1,0 +1,90 @@
+"""Runs the main job on a rendered story and holds the result against the story's truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+from sensorgate.plugin import pipeline
+
+from tests import simulator
+from tests.simulator.truth import Truth
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A story's truth, the report of ``run`` and where things are."""
+
+    truth: Truth
+    report: Dict[str, Any]
+    exit_code: int
+    survey: Path
+    out: Path
+
+
+def play(story: str, folder: Path, *, seed: int = 0, scale: float = 1.0, **settings: Any) -> Outcome:
+    """Render a story below ``folder`` and run the main job on it."""
+    survey = folder / "survey"
+    truth = simulator.render(story, survey, seed=seed, frames_scale=scale)
+    if truth.gcp_file and "gcp" not in settings:
+        settings["gcp"] = str(survey / truth.gcp_file)
+    out = folder / "out"
+    result = pipeline.run([str(survey / "images")], out, pipeline.Settings(**settings))
+    return Outcome(truth, result.report, result.exit_code, survey, out)
+
+
+def wrong_routes(outcome: Outcome) -> List[str]:
+    """Where routes or the sharing of projects differ from the truth, one sentence each."""
+    said: List[str] = []
+    projects: Dict[str, Dict[str, int]] = {}
+    route_of = {s["name"]: s["route"] for s in outcome.report["subprojects"]}
+    home: Dict[str, Optional[str]] = {_tail(f["path"]): f["subproject"] for f in outcome.report["frames"]}
+    for frame in outcome.truth.frames:
+        project = home.get(_tail(frame.path))
+        if project is not None:
+            counts = projects.setdefault(frame.payload, {})
+            counts[project] = counts.get(project, 0) + 1
+    main: Dict[str, str] = {}
+    for payload in outcome.truth.payloads:
+        counts = projects.get(payload.id, {})
+        if not counts:
+            said.append(f"{payload.id} is in no project")
+            continue
+        if len(counts) > 1:
+            said.append(f"{payload.id} is spread over {sorted(counts)}")
+        main[payload.id] = max(sorted(counts), key=lambda n: counts[n])
+        route = route_of[main[payload.id]]
+        if route != payload.route:
+            said.append(f"{payload.id} is routed {route}, the truth says {payload.route}")
+    for a in outcome.truth.payloads:
+        for b in outcome.truth.payloads:
+            if a.id < b.id and a.id in main and b.id in main:
+                together, should = main[a.id] == main[b.id], a.project == b.project
+                if together != should:
+                    said.append(f"{a.id} and {b.id} {'share' if together else 'do not share'} a project")
+    return said
+
+
+def lost_frames(outcome: Outcome) -> List[str]:
+    """Frames that are neither in one project nor left out with a reason."""
+    inside = [p for s in outcome.report["subprojects"] for p in s["frames"]]
+    doubled = {p for p in inside if inside.count(p) > 1}
+    silent = [f["path"] for f in outcome.report["frames"] if not f["subproject"] and not f["reason"]]
+    return sorted(doubled) + silent
+
+
+def open_loops(outcome: Outcome) -> List[str]:
+    """Projects whose images the gate does not call consistent."""
+    said = []
+    for project in outcome.report["subprojects"]:
+        images = outcome.out / "projects" / project["name"] / "images"
+        checked = pipeline.gate([str(images)])
+        if checked.exit_code != 0:
+            codes = [f["code"] for f in checked.report["findings"] if f["severity"] == "error"]
+            said.append(f"{project['name']}: {checked.report['verdict']} {codes}")
+    return said
+
+
+def _tail(path: str) -> str:
+    return "/".join(path.split("/")[path.split("/").index("images") + 1 :]) if "images" in path.split("/") else path
