@@ -65,9 +65,9 @@ def render(report: Mapping[str, Any], previews: Mapping[str, bytes] = {}) -> str
     )
     return environment.get_template("report.html").render(
         **_context(view),
-        drawing=_drawings(view, jinja2),
+        drawing=_drawings(view),
         pictures=_pictures(view, previews),
-        style=_trusted(jinja2, (HERE / "report.css").read_text(encoding="utf-8")),
+        style=_trusted((HERE / "report.css").read_text(encoding="utf-8")),
         most_listed=MOST_LISTED,
         most_subjects=MOST_SUBJECTS,
         most_rows=MOST_ROWS,
@@ -79,9 +79,11 @@ def _csp_hash(script: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
 
 
-def _trusted(jinja2: Any, markup: str) -> Any:
+def _trusted(markup: str) -> Any:
     """Mark text of our own as HTML: a file beside this module, or a drawing that escaped what it was given."""
-    return jinja2.utils.markupsafe.Markup(markup)
+    import markupsafe
+
+    return markupsafe.Markup(markup)
 
 
 def _context(view: View) -> Dict[str, Any]:
@@ -164,7 +166,7 @@ def _thresholds(report: Mapping[str, Any]) -> List[Dict[str, Any]]:
     return sorted(rows, key=lambda r: not r["changed"])
 
 
-def _drawings(view: View, jinja2: Any) -> Dict[str, Any]:
+def _drawings(view: View) -> Dict[str, Any]:
     colour = charts.colours(view)
     limit = view.threshold
     projects = {}
@@ -179,12 +181,12 @@ def _drawings(view: View, jinja2: Any) -> Dict[str, Any]:
             ("Camera positions against GPS", RESIDUAL_CAPTION, charts.residual_chart(view, found, colour)),
             ("Bowing", BOWING_CAPTION, charts.bowing_chart(found, limit.get("bowing_sigma", 3.0))),
         )
-        projects[project["name"]] = [(t, c, _trusted(jinja2, d)) for t, c, d in drawn if d]
+        projects[project["name"]] = [(t, c, _trusted(d)) for t, c, d in drawn if d]
     return {
-        "maps": [(_trusted(jinja2, m.drawing), m.caption) for m in survey_map.site_maps(view)],
+        "maps": [(_trusted(m.drawing), m.caption) for m in survey_map.site_maps(view)],
         "projects": projects,
-        "gsd": _trusted(jinja2, distributions.gsd_chart(view, colour)),
-        "focal": _trusted(jinja2, distributions.focal_chart(view, colour)),
+        "gsd": _trusted(distributions.gsd_chart(view, colour)),
+        "focal": _trusted(distributions.focal_chart(view, colour)),
     }
 
 
