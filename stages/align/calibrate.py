@@ -146,8 +146,7 @@ def choose(
     veto = vetoes(outcomes, flown_height_m, limits)
     open_ = [i for i, v in enumerate(veto) if not v]
     if not open_:
-        free = next(i for i, o in enumerate(outcomes) if o.trial.focal is None and o.trial.distortion is None)
-        chosen = free
+        chosen = next(i for i, o in enumerate(outcomes) if o.trial.focal is None and o.trial.distortion is None)
         return (
             chosen,
             _decision(outcomes[chosen], camera, False, "every candidate is ruled out: left to be solved"),

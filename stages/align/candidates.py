@@ -46,7 +46,7 @@ def calibrate(
             check(cancel)
             camera = _main_camera(request, job, solution, profile)
             trials = trials_for(camera)
-            variants = tuple(_variant(request, current, profile, t, solution) for t in trials)
+            variants = tuple(_variant(request, current, profile, t) for t in trials)
             place = folder / f"calibrate-{lap}-{order.index(profile):02d}"
             task = AdjustJob(solution.stored, job, variants)
             solved = worker.adjust(task, engine, place, progress, cancel)
@@ -130,9 +130,8 @@ def _main_camera(request: AlignRequest, job: Job, solution: Solution, profile: s
 
 
 def _variant(
-    request: AlignRequest, current: Sequence[CameraSetting], profile: str, trial: Trial, solution: Solution
+    request: AlignRequest, current: Sequence[CameraSetting], profile: str, trial: Trial
 ) -> Tuple[CameraSetting, ...]:
-    del solution
     return tuple(
         setting_for(trial, _restart(request.cameras[i], c)) if c.profile == profile else c
         for i, c in enumerate(current)
@@ -203,7 +202,8 @@ def _outcome(
 
 def _points(solution: Solution, rows: Rows) -> Array:
     model = solution.model[rows[0]]
-    return solution.point_xyz[solution.point_model == model]
+    found: Array = solution.point_xyz[solution.point_model == model]
+    return found
 
 
 def _camera_index(job: Job, rows: Rows) -> int:

@@ -19,6 +19,7 @@ import numpy as np
 from ..record import write_bytes
 from .features import Features, all_descriptors, feature_keys, load_or_extract
 from .matching import Descriptors, Matches, alike_pairs, match, signatures, unit
+from .models import camera_model, read_model
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
 
 Step = Callable[[str, int, int], None]
@@ -148,17 +149,7 @@ def _verify_all(
 
 
 def _camera(pycolmap: Any, camera_id: int, setting: CameraSetting) -> Any:
-    """Return a COLMAP camera whose model has exactly the parameters that may move."""
-    f = setting.focal_px
-    cx, cy = setting.center_px
-    k1, k2, p1, p2, k3 = (*setting.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
-    bent = any(abs(v) > 0.0 for v in (k1, k2, p1, p2, k3))
-    if not setting.solve_distortion and not bent:
-        model, params = "SIMPLE_PINHOLE", [f, cx, cy]
-    elif not setting.solve_distortion:
-        model, params = "FULL_OPENCV", [f, f, cx, cy, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
-    else:
-        model, params = "RADIAL", [f, cx, cy, k1, k2]
+    model, params = camera_model(setting)
     camera = pycolmap.Camera(
         camera_id=camera_id, model=model, width=setting.width, height=setting.height, params=params
     )
@@ -167,19 +158,8 @@ def _camera(pycolmap: Any, camera_id: int, setting: CameraSetting) -> Any:
 
 
 def _read_camera(setting: CameraSetting, camera: Any) -> CameraSetting:
-    import dataclasses
-
-    values = [float(v) for v in camera.params]
-    side = float(max(setting.width, setting.height))
     name = camera.model_name if hasattr(camera, "model_name") else camera.model.name
-    if name == "SIMPLE_PINHOLE":
-        bend = (0.0, 0.0, 0.0, 0.0, 0.0)
-    elif name == "RADIAL":
-        bend = (values[3], values[4], 0.0, 0.0, 0.0)
-    else:
-        bend = (values[4], values[5], values[6], values[7], values[8])
-    focal = (values[0] + values[1]) / 2.0 if name == "FULL_OPENCV" else values[0]
-    return dataclasses.replace(setting, focal_ratio=focal / side, distortion=bend)
+    return read_model(setting, name, [float(v) for v in camera.params])
 
 
 def _map(pycolmap: Any, job: Job, features: Sequence[Features], verified: Dict[Pair, Any], folder: Path) -> List[Any]:

@@ -203,7 +203,7 @@ def _last_term(design: Array, values: Array, radius: float) -> Bowing:
     solution: Array = np.zeros(design.shape[1])
     for _ in range(10):
         root = np.sqrt(weight)[:, None]
-        solution = np.linalg.lstsq(design * root, values * root[:, 0], rcond=None)[0]
+        solution[:] = np.linalg.lstsq(design * root, values * root[:, 0], rcond=None)[0]
         miss = np.abs(values - design @ solution)
         scale = max(1.4826 * float(np.median(miss)), 1e-9)
         weight = np.asarray(np.minimum(1.0, 2.0 * scale / np.maximum(miss, 1e-12)), dtype=np.float64)

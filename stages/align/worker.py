@@ -9,6 +9,7 @@ installed under several.
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
@@ -177,10 +178,7 @@ def _answer(said: Dict[str, Any], folder: Path) -> List[Solution]:
             last[0] = (what, done)
             print(json.dumps([what, done, total]), flush=True)
 
-    if said["engine"] == "pycolmap":
-        from . import engine_pycolmap as engine
-    else:
-        from . import engine_colmap as engine  # type: ignore[no-redef]
+    engine = importlib.import_module(f".engine_{said['engine']}", __package__)
     if said["do"] == "solve":
         return [engine.solve(from_plain(Job, said["job"]), folder, Path(said["cache"]), step)]
     return list(engine.adjust(from_plain(AdjustJob, said["task"]), step))
