@@ -208,7 +208,7 @@ def _residuals(
             if fit is not None:
                 alone.append(fit.points(solution.center[rows]) - ground.east_north_up[rows])
                 fitted += len(rows)
-                straight = straight and collinear(ground.east_north_up[rows], limits.collinear_ratio)
+                straight = straight and collinear(solution.center[rows], limits.collinear_ratio)
     empty = np.zeros((0, 3))
     line = straight if fitted else False
     return (

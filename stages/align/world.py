@@ -148,7 +148,7 @@ def lay_models(
             rows = rows_of(frames, solution, model, payload)
             rows = rows[ground.known[rows]]
             enough = len(rows) >= limits.min_proof_frames
-            if enough and not collinear(ground.east_north_up[rows], limits.collinear_ratio):
+            if enough and not collinear(solution.center[rows], limits.collinear_ratio):
                 fit = fit_rows(solution, ground, rows)
                 if fit is not None:
                     chosen = (fit, payload)
