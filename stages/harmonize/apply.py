@@ -19,6 +19,7 @@ from ..progress import Cancel, Progress, check
 from ..thresholds import Thresholds
 from .files import OutputError, output_error, put_link
 from .model import FlightAction, HarmonizedFrame, HarmonizePlan
+from .plan import scaled_size
 from .pool import run_jobs
 from .resample import missing_opencv
 from .work import MASK, RETAG, REWRITE, FrameJob
@@ -115,7 +116,7 @@ def _size(frame: Frame, action: Optional[FlightAction]) -> Tuple[int, int]:
         return frame.width, frame.height
     if (frame.width, frame.height) == (action.width, action.height):
         return action.out_width, action.out_height
-    return max(1, round(frame.width * action.scale)), max(1, round(frame.height * action.scale))
+    return scaled_size(frame.width, frame.height, action.scale)
 
 
 def _job(

@@ -74,7 +74,11 @@ def pairs_between(a: Group, b: Group, files: Mapping[str, Frame], limits: Thresh
 def pairs_within(
     group: Group, files: Mapping[str, Frame], limits: Thresholds
 ) -> Tuple[Tuple[Pair, ...], Tuple[Pair, ...]]:
-    """Return a flight's close pairs and its pairs of neighbouring strips, longest time between them first."""
+    """Return a flight's close pairs and its pairs of neighbouring strips, longest time between them first.
+
+    Of the latter only those that lie about as far apart in time as any do: a
+    drift shows in them and drowns among the others.
+    """
     reach, frames = radius_m(group), _placed(group, files, limits)
     if reach is None or len(frames) < 2:
         return (), ()
@@ -94,6 +98,8 @@ def pairs_within(
     def order(pair: Pair) -> Tuple[float, str, str]:
         return (-pair.gap_s, pair.first, pair.second)
 
+    late = 0.5 * max((p.gap_s for p in strips), default=0.0)
+    strips = [p for p in strips if p.gap_s >= late]
     return _once(sorted(close, key=order), limits.tone_pairs), _once(sorted(strips, key=order), limits.tone_pairs)
 
 

@@ -72,6 +72,12 @@ def lut_id(profile: str, flight: str) -> str:
     return f"{profile}|{flight}"
 
 
+def scaled_size(width: int, height: int, scale: float) -> Tuple[int, int]:
+    """Width rounded, and the height that keeps the shape of that width best."""
+    wide = max(1, round(width * scale))
+    return wide, max(1, round(height * wide / width))
+
+
 def _by_profile(groups: Sequence[Group]) -> Dict[str, List[Group]]:
     result: Dict[str, List[Group]] = {}
     for group in groups:
@@ -112,7 +118,7 @@ def _out_sizes(
     for unit in units:
         scale = targets[unit.key].scale
         for group in unit.groups:
-            size = (max(1, round(group.width * scale)), max(1, round(group.height * scale)))
+            size = scaled_size(group.width, group.height, scale)
             if scale != 1.0 and len(unit.groups) == 1 and group.profile in profiles:
                 profile = profiles[group.profile]
                 for other in sorted(kept.get((profile.family, profile.serial), ())):

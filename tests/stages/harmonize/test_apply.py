@@ -1,0 +1,434 @@
+from __future__ import annotations
+
+import builtins
+import errno
+import hashlib
+import io
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Dict
+
+import numpy as np
+import pytest
+from PIL import Image
+from sensorgate.stages.errors import Cancelled, MissingDependency, UsageError
+from sensorgate.stages.frame import Frame
+from sensorgate.stages.harmonize import FlightAction, HarmonizePlan, Lut, OutputError, apply
+from sensorgate.stages.harmonize import files as put
+from sensorgate.stages.thresholds import DEFAULTS
+
+from .samples import exif_block, jpeg_bytes, texture
+
+pytest.importorskip("cv2")
+ROOT = Path(__file__).resolve().parents[3]
+PLUS_TEN = tuple(min(255, i + 10) for i in range(256))
+
+
+def survey(folder: Path, count: int = 3, *, width: int = 320, height: int = 240) -> Dict[str, Frame]:
+    folder.mkdir(parents=True, exist_ok=True)
+    frames = {}
+    for index in range(count):
+        focal = (8800 + index, 1000)
+        data = jpeg_bytes(width, height, exif=exif_block(width, height, FocalLength=focal))
+        name = f"IMG_{index:03d}.JPG"
+        (folder / name).write_bytes(data + bytes(index))
+        frames[name] = Frame(
+            name,
+            len(data) + index,
+            "jpeg",
+            width,
+            height,
+            focal_mm=focal[0] / 1000,
+            focal_35mm=24.0,
+            focal_plane_unit=4,
+        )
+    return frames
+
+
+def action(frames: Dict[str, Frame], **changes) -> FlightAction:
+    first = next(iter(frames.values()))
+    size = (first.width, first.height)
+    values = {
+        "profile": "p",
+        "flight": "p:1",
+        "frames": tuple(frames),
+        "gsd_cm": 2.0,
+        "target_gsd_cm": 2.0,
+        "scale": 1.0,
+    }
+    values.update(width=size[0], height=size[1], out_width=size[0], out_height=size[1])
+    values.update(changes)
+    return FlightAction(**values)
+
+
+def shrunk(frames: Dict[str, Frame], **more) -> HarmonizePlan:
+    lut = Lut("p|p:1", (PLUS_TEN,) * 3, (-10.0,) * 3, "q|q:1", 6)
+    return HarmonizePlan(
+        (action(frames, scale=0.8, out_width=256, out_height=192, lut=lut.id, write_lut=True, **more),), (lut,)
+    )
+
+
+def run(plan, frames, source: Path, out: Path, **options):
+    return apply(
+        plan,
+        frames,
+        {n: source / n for n in frames},
+        {n: out / n for n in frames},
+        thresholds=options.pop("thresholds", DEFAULTS),
+        **options,
+    )
+
+
+def digests(folder: Path) -> Dict[str, str]:
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
+
+
+def test_untouched_frames_are_the_same_file(tmp_path):
+    frames = survey(tmp_path / "in")
+    done, broken = run(HarmonizePlan((action(frames),)), frames, tmp_path / "in", tmp_path / "out")
+    assert not broken and [d.how for d in done] == ["linked"] * 3
+    for name in frames:
+        assert (tmp_path / "in" / name).samefile(tmp_path / "out" / name)
+    again, _ = run(HarmonizePlan((action(frames),)), frames, tmp_path / "in", tmp_path / "out")
+    assert again == done
+
+
+def test_copies_where_links_cannot_be(tmp_path, monkeypatch):
+    frames = survey(tmp_path / "in")
+
+    def refuse(*_args, **_options):
+        raise OSError(errno.EXDEV, "cross-device")
+
+    monkeypatch.setattr(put.os, "link", refuse)
+    done, _ = run(HarmonizePlan((action(frames),)), frames, tmp_path / "in", tmp_path / "out")
+    assert {d.how for d in done} == {"copied"}
+    assert digests(tmp_path / "in") == digests(tmp_path / "out")
+
+
+def test_one_pass_of_size_table_and_tag(tmp_path):
+    frames = survey(tmp_path / "in")
+    before = digests(tmp_path / "in")
+    plan = shrunk(frames, focal_mm=8.801)
+    done, broken = run(plan, frames, tmp_path / "in", tmp_path / "out")
+    assert not broken and [(d.how, d.width, d.height, d.scale) for d in done] == [("resampled", 256, 192, 0.8)] * 3
+    assert digests(tmp_path / "in") == before
+    for name in frames:
+        with Image.open(tmp_path / "out" / name) as image, Image.open(tmp_path / "in" / name) as source:
+            assert image.size == (256, 192)
+            assert float(image.getexif().get_ifd(0x8769)[0x920A]) == pytest.approx(8.801)
+            want = np.asarray(source.resize((256, 192), Image.Resampling.BICUBIC)).astype(float).mean() + 10
+            assert np.asarray(image).mean() == pytest.approx(want, abs=1.5)
+
+
+def test_focal_tags_alone_need_no_opencv_and_leave_the_picture(tmp_path):
+    frames = survey(tmp_path / "in")
+    done, _ = run(HarmonizePlan((action(frames, focal_mm=8.801),)), frames, tmp_path / "in", tmp_path / "out")
+    assert [d.how for d in done] == ["retagged", "linked", "retagged"]
+    for name in frames:
+        with Image.open(tmp_path / "out" / name) as image, Image.open(tmp_path / "in" / name) as source:
+            assert float(image.getexif().get_ifd(0x8769)[0x920A]) == pytest.approx(8.801)
+            assert np.array_equal(np.asarray(image), np.asarray(source))
+
+
+def test_colours_alone_are_called_matched(tmp_path):
+    frames = survey(tmp_path / "in", 1)
+    lut = Lut("l", (PLUS_TEN,) * 3, (-10.0,) * 3, "r", 6)
+    done, _ = run(
+        HarmonizePlan((action(frames, lut="l", write_lut=True),), (lut,)), frames, tmp_path / "in", tmp_path / "out"
+    )
+    assert done[0].how == "matched"
+    silent, _ = run(HarmonizePlan((action(frames, lut="l"),), (lut,)), frames, tmp_path / "in", tmp_path / "out2")
+    assert silent[0].how == "linked"
+
+
+def test_frames_without_an_action_are_linked(tmp_path):
+    frames = survey(tmp_path / "in")
+    done, _ = run(HarmonizePlan(()), frames, tmp_path / "in", tmp_path / "out")
+    assert {d.how for d in done} == {"linked"}
+
+
+def test_sixteen_bit_tiff_keeps_its_depth(tmp_path):
+    (tmp_path / "in").mkdir()
+    pixels = texture(120, 90, 1)[:, :, 0].astype(np.uint16) * 257
+    Image.fromarray(pixels).save(tmp_path / "in" / "a.TIF")
+    size = (tmp_path / "in" / "a.TIF").stat().st_size
+    frames = {"a.TIF": Frame("a.TIF", size, "tiff", 120, 90, bits=16, channels=1)}
+    plan = HarmonizePlan((action(frames, scale=1.5, out_width=180, out_height=135),))
+    run(plan, frames, tmp_path / "in", tmp_path / "out")
+    with Image.open(tmp_path / "out" / "a.TIF") as image:
+        assert image.size == (180, 135) and np.asarray(image).dtype == np.uint16
+
+
+def test_mask_follows_its_frame(tmp_path):
+    frames = survey(tmp_path / "in", 1)
+    name = next(iter(frames))
+    mask = tmp_path / "in" / "IMG_000_mask.png"
+    Image.fromarray(np.where(texture(320, 240, 1)[:, :, 0] > 128, 255, 0).astype(np.uint8)).save(mask)
+    place = tmp_path / "out" / mask.name
+    _, broken = run(shrunk(frames), frames, tmp_path / "in", tmp_path / "out", masks={name: (mask, place)})
+    assert not broken
+    with Image.open(place) as image:
+        assert image.size == (256, 192) and set(np.unique(np.asarray(image))) == {0, 255}
+
+
+def test_a_bad_frame_does_not_stop_the_others(tmp_path):
+    frames = survey(tmp_path / "in", 5)
+    names = list(frames)
+    (tmp_path / "in" / names[0]).unlink()
+    (tmp_path / "in" / names[1]).write_bytes(b"\xff\xd8\xff" + bytes(frames[names[1]].size_bytes - 3))
+    data = (tmp_path / "in" / names[2]).read_bytes()
+    cut = data[: len(data) * 2 // 3]
+    (tmp_path / "in" / names[2]).write_bytes(cut + bytes(len(data) - len(cut)))
+    (tmp_path / "in" / names[3]).write_bytes(data + b"more")
+    done, broken = run(shrunk(frames), frames, tmp_path / "in", tmp_path / "out")
+    assert [d.path for d in done] == names[4:]
+    assert {b.path: b.code for b in broken} == {
+        names[0]: "frame-vanished",
+        names[1]: "tags-not-rewritable",
+        names[2]: "truncated-image",
+        names[3]: "frame-changed",
+    }
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == names[4:]
+
+
+def test_a_link_whose_source_is_gone_is_told(tmp_path):
+    frames = survey(tmp_path / "in", 2)
+    (tmp_path / "in" / "IMG_000.JPG").unlink()
+    done, broken = run(HarmonizePlan((action(frames),)), frames, tmp_path / "in", tmp_path / "out")
+    assert [b.code for b in broken] == ["frame-vanished"] and len(done) == 1
+
+
+def test_the_journal_keeps_what_is_done_by_content_not_by_date(tmp_path):
+    frames = survey(tmp_path / "in")
+    journal = tmp_path / "work" / "journal"
+    run(shrunk(frames), frames, tmp_path / "in", tmp_path / "out", journal=journal)
+    first = digests(tmp_path / "out")
+    inodes = {p.name: p.stat().st_ino for p in (tmp_path / "out").iterdir()}
+    names = list(frames)
+    os.utime(tmp_path / "in" / names[0], (1, 1))
+    (tmp_path / "out" / names[1]).write_bytes(b"spoilt")
+    changed = bytearray((tmp_path / "in" / names[2]).read_bytes())
+    changed[-1:] = b"\x05"
+    (tmp_path / "in" / names[2]).write_bytes(changed)
+    with open(journal, "a") as stream:
+        stream.write('\n["IMG_000.JPG", "cut by a ki')
+    done, _ = run(shrunk(frames), frames, tmp_path / "in", tmp_path / "out", journal=journal)
+    assert len(done) == 3
+    assert digests(tmp_path / "out") == first
+    after = {p.name: p.stat().st_ino for p in (tmp_path / "out").iterdir()}
+    assert after[names[0]] == inodes[names[0]]
+    assert after[names[1]] != inodes[names[1]] and after[names[2]] != inodes[names[2]]
+    other = run(
+        shrunk(frames),
+        frames,
+        tmp_path / "in",
+        tmp_path / "out",
+        journal=journal,
+        thresholds=DEFAULTS.replaced({"jpeg_quality": 60}),
+    )
+    assert len(other[0]) == 3 and digests(tmp_path / "out") != first
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_workers_change_nothing(tmp_path, workers):
+    frames = survey(tmp_path / "in", 4)
+    run(shrunk(frames), frames, tmp_path / "in", tmp_path / "one", workers=1)
+    run(shrunk(frames), frames, tmp_path / "in", tmp_path / "many", workers=workers)
+    assert digests(tmp_path / "one") == digests(tmp_path / "many")
+
+
+SCRIPT = """
+import json, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from tests.stages.harmonize.test_apply import survey_again, shrunk, run
+source, out = Path(sys.argv[2]), Path(sys.argv[3])
+frames = survey_again(source)
+print("go", flush=True)
+run(shrunk(frames), frames, source, out / "images", journal=out / "journal")
+"""
+
+
+def survey_again(folder: Path) -> Dict[str, Frame]:
+    return {
+        p.name: Frame(p.name, p.stat().st_size, "jpeg", 320, 240, focal_mm=8.8, focal_35mm=24.0)
+        for p in sorted(folder.iterdir())
+    }
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills with POSIX signals")
+def test_killed_at_any_moment_and_run_again_gives_the_same(tmp_path):
+    frames = survey(tmp_path / "in", 30)
+    before = digests(tmp_path / "in")
+    run(shrunk(survey_again(tmp_path / "in")), frames, tmp_path / "in", tmp_path / "whole")
+    wanted = digests(tmp_path / "whole")
+    rng = random.Random(11)
+    killed_inside = 0
+    for attempt in range(3):
+        out = tmp_path / f"out{attempt}"
+        for _ in range(2):
+            command = [sys.executable, "-c", SCRIPT, str(ROOT), str(tmp_path / "in"), str(out)]
+            process = subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=True)
+            assert process.stdout is not None and process.stdout.readline() == b"go\n"
+            time.sleep(rng.uniform(0.25, 0.7))
+            killed_inside += process.poll() is None
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            process.stdout.close()
+        done, broken = run(shrunk(frames), frames, tmp_path / "in", out / "images", journal=out / "journal")
+        assert len(done) == 30 and not broken
+        assert {n: d for n, d in digests(out / "images").items() if not n.startswith(".")} == wanted
+        assert set(digests(out / "images")) == set(wanted)
+    assert killed_inside
+    assert digests(tmp_path / "in") == before
+
+
+def test_what_a_killed_link_left_is_never_written_through(tmp_path):
+    """The unfinished name may be a hard link to an original: opening it for writing would destroy that."""
+    frames = survey(tmp_path / "in", 1)
+    name = next(iter(frames))
+    before = digests(tmp_path / "in")
+    (tmp_path / "out").mkdir()
+    os.link(tmp_path / "in" / name, tmp_path / "out" / f".{name}.part")
+    os.link(tmp_path / "in" / name, tmp_path / "out" / name)
+    done, _ = run(shrunk(frames), frames, tmp_path / "in", tmp_path / "out")
+    assert done[0].how == "resampled" and digests(tmp_path / "in") == before
+    assert [p.name for p in (tmp_path / "out").iterdir()] == [name]
+
+
+def test_a_target_that_is_an_original_is_refused(tmp_path):
+    frames = survey(tmp_path / "in", 2)
+    before = digests(tmp_path / "in")
+    with pytest.raises(UsageError, match="original"):
+        run(shrunk(frames), frames, tmp_path / "in", tmp_path / "in")
+    (tmp_path / "alias").symlink_to(tmp_path / "in")
+    with pytest.raises(UsageError, match="original"):
+        run(shrunk(frames), frames, tmp_path / "in", tmp_path / "alias")
+    with pytest.raises(UsageError, match="Two frames"):
+        target = dict.fromkeys(frames, tmp_path / "out" / "same.jpg")
+        apply(shrunk(frames), frames, {n: tmp_path / "in" / n for n in frames}, target, thresholds=DEFAULTS)
+    assert digests(tmp_path / "in") == before
+
+
+def test_full_disk_is_named_and_leaves_nothing_half_written(tmp_path, monkeypatch):
+    target = tmp_path / "out" / "a.jpg"
+    put.put_bytes(target, b"old")
+
+    class Full(io.BytesIO):
+        def write(self, _data):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    def opener(path, mode="r", *args, **options):
+        Path(path).touch()
+        return Full()
+
+    with monkeypatch.context() as patch:
+        patch.setattr(builtins, "open", opener)
+        with pytest.raises(OutputError, match="full") as caught:
+            put.put_bytes(target, b"new")
+    assert caught.value.exit_code == 2 and "--resume" in str(caught.value)
+    assert target.read_bytes() == b"old" and [p.name for p in target.parent.iterdir()] == ["a.jpg"]
+
+
+def test_unwritable_folder_is_named(tmp_path):
+    frames = survey(tmp_path / "in", 2)
+    (tmp_path / "out").write_bytes(b"a file stands where the folder should be")
+    for plan in (shrunk(frames), HarmonizePlan((action(frames),))):
+        with pytest.raises(OutputError, match="--out"):
+            run(plan, frames, tmp_path / "in", tmp_path / "out")
+
+
+def test_cancel_stops_and_resume_goes_on(tmp_path):
+    frames = survey(tmp_path / "in", 12)
+    seen = []
+
+    def progress(stage, done, total):
+        seen.append((stage, done, total))
+
+    with pytest.raises(Cancelled):
+        run(
+            shrunk(frames),
+            frames,
+            tmp_path / "in",
+            tmp_path / "out",
+            progress=progress,
+            cancel=lambda: len(seen) >= 3,
+            journal=tmp_path / "j",
+        )
+    done, _ = run(shrunk(frames), frames, tmp_path / "in", tmp_path / "out", journal=tmp_path / "j", progress=progress)
+    assert len(done) == 12 and seen[-1] == ("harmonize", 12, 12)
+
+
+def test_missing_opencv_is_named(tmp_path, monkeypatch):
+    frames = survey(tmp_path / "in", 1)
+    blocker = tmp_path / "block"
+    blocker.mkdir()
+    (blocker / "cv2.py").write_text("raise ImportError('not here')")
+    monkeypatch.syspath_prepend(str(blocker))
+    with pytest.raises(MissingDependency, match="pip install"):
+        run(shrunk(frames), frames, tmp_path / "in", tmp_path / "out")
+    done, _ = run(HarmonizePlan((action(frames, focal_mm=9.0),)), frames, tmp_path / "in", tmp_path / "out")
+    assert done[0].how == "retagged"
+
+
+def test_a_decoder_that_dies_takes_one_frame_along(tmp_path, monkeypatch):
+    frames = survey(tmp_path / "in", 4)
+    blocker = tmp_path / "block"
+    blocker.mkdir()
+    real_cv2 = json.dumps(str(Path(__import__("cv2").__file__).parent.parent))
+    (blocker / "cv2.py").write_text(
+        "import os, sys\n"
+        f"sys.path.insert(0, {real_cv2}); here = sys.modules.pop('cv2')\n"
+        "import cv2 as real\n"
+        "inner = real.imdecode\n"
+        "def imdecode(data, flags):\n"
+        "    if data[-2:].tolist() == [0, 0] and data[-3] != 0: os._exit(9)\n"
+        "    return inner(data, flags)\n"
+        "real.imdecode = imdecode\n"
+    )
+    monkeypatch.syspath_prepend(str(blocker))
+    done, broken = run(shrunk(frames), frames, tmp_path / "in", tmp_path / "out", workers=2)
+    assert [(b.path, b.code) for b in broken] == [("IMG_002.JPG", "frame-fault")]
+    assert len(done) == 3
+
+
+HOSTED = """
+import multiprocessing, sys, types
+from pathlib import Path
+root, source, out = sys.argv[1:]
+for name in ("plugins", "plugins.gate"):
+    sys.modules[name] = types.ModuleType(name)
+sys.modules["plugins"].__path__ = []
+sys.modules["plugins.gate"].__path__ = [root]
+
+def work():
+    from plugins.gate.stages.frame import Frame
+    from plugins.gate.stages.harmonize import FlightAction, HarmonizePlan, apply
+    from plugins.gate.stages.thresholds import DEFAULTS
+    file = Path(source) / "IMG_000.JPG"
+    frame = Frame("a", file.stat().st_size, "jpeg", 320, 240)
+    action = FlightAction("p", "f", ("a",), 2.0, 1.0, 2.0, 320, 240, 640, 480)
+    done, broken = apply(
+        HarmonizePlan((action,)), {"a": frame}, {"a": file}, {"a": Path(out) / "a.jpg"}, thresholds=DEFAULTS
+    )
+    assert not broken and done[0].how == "resampled", broken
+
+process = multiprocessing.get_context("fork").Process(target=work, daemon=True)
+process.start()
+process.join()
+sys.exit(process.exitcode)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="a daemonic forked worker, as task queues have them")
+def test_works_in_a_daemonic_worker_under_another_package_name(tmp_path):
+    survey(tmp_path / "in", 1)
+    command = [sys.executable, "-c", HOSTED, str(ROOT), str(tmp_path / "in"), str(tmp_path / "out")]
+    assert subprocess.run(command, check=False, cwd=tmp_path).returncode == 0
+    assert (tmp_path / "out" / "a.jpg").exists()
