@@ -95,7 +95,7 @@ def inspect(
     cancel: Optional[Cancel] = None,
 ) -> Inspection:
     """Read, group and assess; nothing is written."""
-    found = scan(list(paths), progress=progress, cancel=cancel)
+    found = scan(list(paths), progress=progress, cancel=cancel, limits=settings.thresholds)
     control = read_control(settings.gcp, settings.geo, found.frames, settings.thresholds)
     survey = build(
         replace(found, frames=control.frames),

@@ -87,7 +87,8 @@ def dumps(value: Any) -> str:
 
 def write_text(path: Union[str, Path], text: str) -> None:
     """Write beside and rename, so that a reader never sees half a file."""
-    write_bytes(path, text.encode("utf-8"))
+    # A file name that is no UTF-8 holds lone surrogates; as JSON escapes they come back unchanged.
+    write_bytes(path, text.encode("utf-8", "backslashreplace"))
 
 
 def write_bytes(path: Union[str, Path], data: bytes) -> None:

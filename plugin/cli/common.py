@@ -52,6 +52,12 @@ def start_logging(args: argparse.Namespace) -> None:
     root.handlers[:] = [handler]
     root.setLevel(level)
     root.propagate = False
+    # Libraries warn about single damaged tags; that is for the log, not for the screen.
+    logging.captureWarnings(True)
+    warned = logging.getLogger("py.warnings")
+    warned.handlers[:] = [handler]
+    warned.setLevel(logging.WARNING if level <= logging.INFO else logging.ERROR)
+    warned.propagate = False
 
 
 def read_settings(path: str, what: str) -> Dict[str, Any]:
@@ -104,7 +110,9 @@ def emit_json(target: Optional[str], value: Any) -> None:
 def show(lines: List[str], args: argparse.Namespace) -> None:
     """Print the table, unless standard output carries the JSON."""
     if args.json != "-":
-        sys.stdout.write("\n".join(lines) + "\n")
+        text = "\n".join(lines) + "\n"
+        encoding = sys.stdout.encoding or "utf-8"
+        sys.stdout.write(text.encode(encoding, "replace").decode(encoding))
 
 
 class Bars:

@@ -63,7 +63,7 @@ def call(args: argparse.Namespace) -> int:
     finally:
         bars.close()
     emit_json(args.json, result.report)
-    show(lines(result.report, width=100, colour=sys.stdout.isatty()), args)
+    show(lines(result.report, width=100, colour=sys.stdout.isatty(), out=args.out), args)
     if args.json != "-":
         print(f"\nReport: {Path(args.out) / 'report.html'}")
     return result.exit_code

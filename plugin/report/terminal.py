@@ -186,5 +186,7 @@ def _next(view: View, out: str) -> str:
     if not view.written:
         paths: Sequence[str] = report["inputs"]["paths"]
         return f"sensorgate run {' '.join(story.quoted(p) for p in paths)} --out {story.quoted(out)}"
-    unproven = all(s["route"] == "unproven" for s in report["subprojects"])
-    return f"sensorgate submit {story.quoted(out)} --node URL{' --include-unproven' if unproven else ''}"
+    ready = [s["name"] for s in report["subprojects"] if s["route"] != "unproven"] or [
+        s["name"] for s in report["subprojects"]
+    ]
+    return f"{story.quoted(out + '/projects/' + ready[0] + '/sensorgate/odm.sh')} (docker) runs ODM; the same for each project"
