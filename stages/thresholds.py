@@ -73,6 +73,12 @@ class Thresholds:
     # --- captures and flights ----------------------------------------------------
     capture_time_s: float = _number(2.0, "s", "frames of one DJI capture are written within this time")
     capture_distance_m: float = _number(3.0, "m", "frames of one capture stand at one place within GPS rounding")
+    capture_usual_share: float = _number(
+        0.9, "ratio", "of a rig's captures, so many show how far apart it writes the times of one trigger"
+    )
+    capture_spread_slack_s: float = _number(
+        0.5, "s", "times under one capture id may differ by this more than the rig's usual spread; else the id is wrong"
+    )
     flight_gap_s: float = _number(900.0, "s", "a pause longer than this between frames of a profile starts a new flight")
     flight_gap_m: float = _number(2000.0, "m", "a jump farther than this starts a new flight")
     gps_outlier_m: float = _number(5000.0, "m", "a frame this far from the median of its flight has a wrong position")
@@ -189,6 +195,9 @@ class Thresholds:
     )
     gcp_far_m: float = _number(1000.0, "m", "no survey frame sees a point this far from its own position")
     max_text_bytes: int = _number(16 * 1024 * 1024, "bytes", "a gcp_list.txt or geo.txt larger than this is not read")
+
+    # --- what ODM would do -------------------------------------------------------
+    odm_lost_share: float = _number(0.10, "ratio of frames", "ODM leaving out more than this leaves holes in the map")
 
     # --- input bounds ------------------------------------------------------------
     max_xmp_bytes: int = _number(4 * 1024 * 1024, "bytes", "an XMP packet larger than this is not read")

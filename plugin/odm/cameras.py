@@ -214,19 +214,30 @@ def entry(decision: CameraDecision, width: int, height: int) -> Optional[Dict[st
     }
 
 
+def own_focal_gap(
+    own: OdmFocal, focal_ratio: Optional[float], focal_source: str, size: Tuple[int, int]
+) -> Optional[float]:
+    """How far ODM's own focal lies from one of a source at least as good, as a ratio; ``None`` without such a source.
+
+    ``focal_ratio`` is to the width; ``size`` is width and height, for OpenSfM means the longer side.
+    """
+    rank = _SOLVED_RANK if focal_source == "solved" else SOURCES.index(focal_source)
+    if focal_ratio is None or own.ratio is None or own.how == "default" or rank > _ODM_RANK[own.how]:
+        return None
+    better = focal_ratio * size[0] / max(size)
+    return abs(own.ratio - better) / better
+
+
 def why_entry(use: CameraUse, decision: CameraDecision, thresholds: Thresholds = DEFAULTS) -> str:
     """Why ODM must be told this camera's focal even without a lock; ``""`` where its own will do."""
-    rank = _SOLVED_RANK if decision.focal_source == "solved" else SOURCES.index(decision.focal_source)
     own = use.odm_focal
     if decision.focal_ratio is None or decision.focal_source == "unknown":
         return ""
     if own.how == "default":
         return "ODM would silently take 0.85 for its focal"
-    if own.ratio is None or rank > _ODM_RANK[own.how]:
-        return ""
-    better = decision.focal_ratio * use.width / max(use.width, use.height)
-    gap = abs(own.ratio - better) / better
-    if gap > thresholds.focal_source_gap:
+    gap = own_focal_gap(own, decision.focal_ratio, decision.focal_source, (use.width, use.height))
+    if gap is not None and gap > thresholds.focal_source_gap:
+        better = decision.focal_ratio * use.width / max(use.width, use.height)
         return f"ODM's own focal ({own.ratio:.4f}) lies {gap:.1%} from the better one ({better:.4f})"
     return ""
 
