@@ -172,7 +172,8 @@ def at_hand(world: World, shot: Shot) -> Shot:
     east, north, flown = shot.position
     up = float(world.heights(east, north)) + PANEL_HEIGHT_M
     said = shot.reported
-    altitude = None if said.altitude_m is None else said.altitude_m + up - flown
+    # To the decimetre, so that all lenses of a rig report one place.
+    altitude = None if said.altitude_m is None else round(said.altitude_m + up - flown, 1)
     relative = None if said.relative_altitude_m is None else PANEL_HEIGHT_M
     reported = replace(said, altitude_m=altitude, relative_altitude_m=relative)
     return replace(shot, position=(east, north, up), reported=reported)

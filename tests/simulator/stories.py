@@ -118,7 +118,9 @@ def gps_shift(seed: int) -> Survey:
 
 def no_gps(seed: int) -> Survey:
     """A clean survey without any position."""
-    return replace(lies.drop_tags(clean(seed), "p4p", ("gps", "relative-altitude")), name="no-gps")
+    survey = lies.drop_tags(clean(seed), "p4p", ("gps", "relative-altitude"))
+    unproven = tuple(replace(p, route="unproven") for p in survey.payloads)
+    return replace(survey, name="no-gps", payloads=unproven)
 
 
 def altitudes_1_3(seed: int) -> Survey:
