@@ -77,7 +77,7 @@ class Thresholds:
         0.9, "ratio", "of a rig's captures, so many show how far apart it writes the times of one trigger"
     )
     capture_spread_slack_s: float = _number(
-        0.5, "s", "times under one capture id may differ by this more than the rig's usual spread; else the id is wrong"
+        0.5, "s", "times under one capture id may differ by this more than the rig's usual spread"
     )
     flight_gap_s: float = _number(900.0, "s", "a pause longer than this between frames of a profile starts a new flight")
     flight_gap_m: float = _number(2000.0, "m", "a jump farther than this starts a new flight")
@@ -91,6 +91,17 @@ class Thresholds:
         0.5, "ratio", "below this share of the flight's median height a frame is take-off or landing"
     )
     panel_height_m: float = _number(5.0, "m", "a panel capture is made by hand near the ground")
+    panel_drop_m: float = _number(
+        20.0, "m", "GPS altitudes of a rig's still burst so far below its flight are on the ground: four sigma of GPS"
+    )
+    hover_min_frames: int = _number(5, "frames", "fewer frames at one place are a turn or a stop between two lines")
+    hover_radius_m: float = _number(2.0, "m", "frames within this of each other stand at one place")
+    hover_radius_ratio: float = _number(
+        0.015, "ratio of height", "the same where the height is known, the smaller holds: 98 % overlap, no base line"
+    )
+    altitude_bias_m: float = _number(
+        10.0, "m", "GPS minus relative altitude of two flights of a site farther apart: twice the vertical spread of GPS"
+    )
     oblique_pitch_deg: float = _number(30.0, "degree", "gimbal off nadir by more than this is an oblique frame")
     horizon_pitch_deg: float = _number(80.0, "degree", "gimbal off nadir by more than this looks at the horizon")
 
@@ -131,6 +142,12 @@ class Thresholds:
     gps_sigma_horizontal_m: float = _number(3.0, "m", "plain GPS, horizontal")
     gps_sigma_vertical_m: float = _number(5.0, "m", "plain GPS, vertical")
     gps_sigma_factor: float = _number(2.0, "sigma", "residual of the fit up to which a payload passes")
+    network_sigma_horizontal_px: float = _number(
+        3.0, "px of the solved size", "centres of a free network drift by so much ground: RTK cannot be held tighter"
+    )
+    network_sigma_vertical_px: float = _number(
+        5.0, "px of the solved size", "the same in height, where a slight bow of the free network shows"
+    )
     rtk_sigma_floor_m: float = _number(0.05, "m", "antenna to camera offset: no RTK residual is believed below this")
     capture_gap_base_m: float = _number(1.0, "m", "capture centres may lie this far apart besides lever arm and motion")
     capture_gap_vertical: float = _number(0.03, "ratio of height", "vertical gap of a capture's centres that is normal")

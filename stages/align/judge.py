@@ -170,7 +170,7 @@ def _words(fit: GpsFit) -> str:
 
 def _limit(fit: GpsFit, limits: Thresholds) -> str:
     factor = limits.gps_sigma_factor
-    return f"{factor * (fit.sigma_horizontal_m or 0.0):g} / {factor * (fit.sigma_vertical_m or 0.0):g} m"
+    return f"{factor * (fit.sigma_horizontal_m or 0.0):.2f} / {factor * (fit.sigma_vertical_m or 0.0):.2f} m"
 
 
 def _gap(p: PayloadFigures, bad: List[str], said: List[str]) -> None:

@@ -70,7 +70,7 @@ def align_once(
     if not request.frames:
         raise UsageError(f"{request.name}: there is no frame to align.")
     side = max_dim or rung_max_dim(rung, thresholds)
-    ground = ground_of(request.frames, thresholds)
+    ground = ground_of(request.frames, request.cameras, side, thresholds)
     plan = plan_pairs(request.frames, request.cameras, thresholds)
     job = build_job(request, plan, rung, side, _threads(), thresholds, extra)
     if start is not None:

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from ..thresholds import Thresholds
 from .enu import local_frame
 from .fit import Similarity, collinear, robust_similarity
-from .model import AlignFrame
+from .images import working_size
+from .model import AlignCamera, AlignFrame
 from .solution import UNPLACED, Array, Solution
 
 Rows = npt.NDArray[np.int64]
@@ -24,9 +25,11 @@ Rows = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Ground:
-    """Measured places of the frames: ``east_north_up`` (N, 3), NaN without position; spreads in metres.
+    """Measured places of the frames: ``east_north_up`` (N, 3), NaN without position.
 
-    ``vertical`` (N,) says whose altitude is a measurement.
+    ``sigma`` (N, 2) is the spread in metres, horizontal and vertical, that a
+    right model's centres show against them: the receiver's and the free
+    network's own. ``vertical`` (N,) says whose altitude is a measurement.
     """
 
     east_north_up: Array
@@ -39,17 +42,22 @@ class Ground:
         return np.isfinite(self.east_north_up[:, 0])
 
 
-def ground_of(frames: Sequence[AlignFrame], limits: Thresholds) -> Ground:
-    """Lay the measured positions on a local metric frame.
+def ground_of(frames: Sequence[AlignFrame], cameras: Sequence[AlignCamera], max_dim: int, limits: Thresholds) -> Ground:
+    """Lay the measured positions on a local metric frame; frames are solved at ``max_dim`` px.
 
-    A flight whose altitudes are all exactly zero has none: cameras without an
-    altimeter write that.
+    The network's own spread is a few pixels on the ground at the size it was
+    solved at: without it, no block flown with RTK could ever fit. A flight
+    whose altitudes are all exactly zero has none: cameras without an altimeter
+    write that.
     """
     places = np.full((len(frames), 3), np.nan)
     rows = [i for i, f in enumerate(frames) if f.position is not None]
     if rows:
         places[rows] = local_frame([p for p in (f.position for f in frames) if p is not None])
-    sigma = np.asarray([f.sigma_m or _default_sigma(limits) for f in frames], dtype=float).reshape(-1, 2)
+    receiver = np.asarray([f.sigma_m or _default_sigma(limits) for f in frames], dtype=float).reshape(-1, 2)
+    floor = np.maximum(receiver, limits.rtk_sigma_floor_m)
+    pixels = np.array([limits.network_sigma_horizontal_px, limits.network_sigma_vertical_px])
+    sigma = np.hypot(floor, _working_gsd_m(frames, cameras, max_dim, limits)[:, None] * pixels)
     altitude: Dict[str, List[float]] = defaultdict(list)
     for frame in frames:
         if frame.position is not None:
@@ -57,6 +65,22 @@ def ground_of(frames: Sequence[AlignFrame], limits: Thresholds) -> Ground:
     flat = {flight for flight, values in altitude.items() if all(v == 0.0 for v in values)}
     vertical = np.asarray([f.position is not None and f.flight not in flat for f in frames], dtype=bool)
     return Ground(places, sigma, vertical)
+
+
+def _working_gsd_m(
+    frames: Sequence[AlignFrame], cameras: Sequence[AlignCamera], max_dim: int, limits: Thresholds
+) -> Array:
+    """Ground size in metres of a pixel of each frame as it is solved, shape (N,)."""
+    ratio = {(c.profile, c.width, c.height): c.intrinsics.focal_ratio for c in cameras}
+    known = [f.height_m for f in frames if f.height_m is not None and f.height_m > 0]
+    usual = float(np.median(known)) if known else limits.unknown_footprint_m
+    found = []
+    for frame in frames:
+        height = frame.height_m if frame.height_m is not None and frame.height_m > 0 else usual
+        focal = ratio.get((frame.profile, frame.width, frame.height)) or limits.fallback_focal_ratio
+        width, _ = working_size(frame.width, frame.height, max_dim)
+        found.append(height / (focal * width))
+    return np.asarray(found, dtype=float)
 
 
 def _default_sigma(limits: Thresholds) -> Tuple[float, float]:

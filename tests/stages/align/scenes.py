@@ -6,11 +6,10 @@ from dataclasses import replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
-
 from sensorgate.stages.align.enu import enu
 from sensorgate.stages.align.model import AlignCamera, AlignFrame, AlignRequest
-from sensorgate.stages.align.solution import CameraSetting, Job, JobFrame, Solution
 from sensorgate.stages.align.prepare import engine_settings
+from sensorgate.stages.align.solution import CameraSetting, Job, JobFrame, Solution
 from sensorgate.stages.intrinsics import Intrinsics
 from sensorgate.stages.thresholds import DEFAULTS
 
@@ -87,9 +86,7 @@ def job_for(asked: AlignRequest) -> Job:
     """The engine's job of a request, as ``prepare`` would make it."""
     shapes = {(c.profile, c.width, c.height): i for i, c in enumerate(asked.cameras)}
     return Job(
-        frames=tuple(
-            JobFrame(f.path, f.file, shapes[(f.profile, f.width, f.height)], f.flight) for f in asked.frames
-        ),
+        frames=tuple(JobFrame(f.path, f.file, shapes[(f.profile, f.width, f.height)], f.flight) for f in asked.frames),
         cameras=tuple(
             CameraSetting(c.profile, 1200, 900, 0.6, solve_focal=False, solve_distortion=False) for c in asked.cameras
         ),

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from sensorgate.stages.align.enu import enu
 from sensorgate.stages.align.fit import (
     bowing,
@@ -18,6 +17,7 @@ from sensorgate.stages.align.fit import (
     surface_bow,
     umeyama,
 )
+
 from tests.stages.align.scenes import ORIGIN, geographic, grid, ground_points
 
 

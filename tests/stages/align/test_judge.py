@@ -4,18 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from sensorgate.stages.align.judge import FAIL, PASS, UNPROVEN, judge, overall
 from sensorgate.stages.align.measure import measure
 from sensorgate.stages.align.pairs import plan_pairs
 from sensorgate.stages.align.world import ground_of
 from sensorgate.stages.thresholds import DEFAULTS
+
 from tests.stages.align.scenes import by_payload, frames, grid, moved, neighbours, request, solution
 
 
 def _verdicts(asked, solved):
     areas = plan_pairs(asked.frames, asked.cameras, DEFAULTS).areas
-    return by_payload(judge(measure(asked.frames, solved, ground_of(asked.frames, DEFAULTS), areas, DEFAULTS), DEFAULTS))
+    return by_payload(
+        judge(
+            measure(asked.frames, solved, ground_of(asked.frames, asked.cameras, 1200, DEFAULTS), areas, DEFAULTS),
+            DEFAULTS,
+        )
+    )
 
 
 def _two(places_b=None, cross=80, **more):
@@ -132,19 +137,19 @@ def test_the_gap_between_the_centres_of_a_capture_is_judged():
     b = [replace(f, capture=f"c{i}") for i, f in enumerate(frames(places, "b"))]
     asked = request(a, b)
     pairs = neighbours(18) + neighbours(18, start=18) + [(i, 19 + i, 60) for i in range(16)]
-    near = _verdicts(asked, solution(asked, np.concatenate([places, places + [0.2, 0, 0]]), pairs=pairs))
-    far = _verdicts(asked, solution(asked, np.concatenate([places, places + [5.5, 0, 0]]), pairs=pairs))
+    near = _verdicts(asked, solution(asked, np.concatenate([places, places + np.array([0.2, 0, 0])]), pairs=pairs))
+    far = _verdicts(asked, solution(asked, np.concatenate([places, places + np.array([5.5, 0, 0])]), pairs=pairs))
     assert near["b"].verdict == PASS
     assert far["b"].verdict == FAIL and any("one capture" in r for r in far["b"].reasons)
 
 
 def test_one_payload_over_two_grounds_may_have_two_models():
-    here, there = grid(), grid() + [5000.0, 0.0, 0.0]
+    here, there = grid(), grid() + np.array([5000.0, 0.0, 0.0])
     places = np.concatenate([here, there])
     asked = request(frames(places))
     solved = solution(asked, places, model=[0] * 18 + [1] * 18, pairs=neighbours(18) + neighbours(18, start=18))
     areas = plan_pairs(asked.frames, asked.cameras, DEFAULTS).areas
-    measured = measure(asked.frames, solved, ground_of(asked.frames, DEFAULTS), areas, DEFAULTS)
+    measured = measure(asked.frames, solved, ground_of(asked.frames, asked.cameras, 1200, DEFAULTS), areas, DEFAULTS)
     assert measured.areas == 2 and measured.components == 2
     assert judge(measured, DEFAULTS)[0].verdict == PASS
 

@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from sensorgate.stages.align.calibrate import Geometry, Outcome, Trial, choose, setting_for, trials_for
+from sensorgate.stages.align.model import AlignCamera, Bowing
+from sensorgate.stages.align.solution import CameraSetting
+from sensorgate.stages.intrinsics import Intrinsics
+from sensorgate.stages.thresholds import DEFAULTS
+
+STRAIGHT = (0.0, 0.0, 0.0, 0.0, 0.0)
+BENT = (-0.1, 0.02, 0.001, 0.0, 0.0)
+CORRECTED = AlignCamera(
+    "p", 4000, 3000, Intrinsics(focal_ratio=0.6, focal_source="sheet", distortion_source="corrected-in-camera"), True
+)
+XMP = AlignCamera(
+    "p",
+    4000,
+    3000,
+    Intrinsics(focal_ratio=0.6, focal_source="xmp-dewarp", distortion=BENT, distortion_source="xmp-dewarp"),
+)
+GUESSED = AlignCamera("p", 4000, 3000, Intrinsics(focal_ratio=0.6, focal_source="equivalent-35mm"))
+TRUSTED_FOCAL = AlignCamera("p", 4000, 3000, Intrinsics(focal_ratio=0.6, focal_source="sheet"))
+NADIR = Geometry(0.0, 0.03)
+GOOD = Geometry(0.3, 0.4)
+FLAT = Bowing(0.02, 0.1, 50.0)
+BOWED = Bowing(-0.9, 0.1, 50.0)
+
+
+def _outcomes(camera, bows=None, errors=None, heights=None, focal=0.66, misfits=None):
+    """One outcome per trial; the dictionaries give figures by trial name."""
+    found = []
+    for trial in trials_for(camera):
+        bow = (bows or {}).get(trial.distortion_source, FLAT)
+        found.append(
+            Outcome(
+                trial=trial,
+                error_px=(errors or {}).get(trial.name, 0.40),
+                gps_horizontal_m=0.5,
+                gps_vertical_m=0.2,
+                misfit=(misfits or {}).get(trial.name, 0.1),
+                height_m=(heights or {}).get(trial.focal_source, 40.0),
+                relief_m=1.0,
+                bowing=bow,
+                solved_focal=trial.focal if trial.focal is not None else focal,
+                solved_distortion=trial.distortion if trial.distortion is not None else (0.01, 0.02, 0.0, 0.0, 0.0),
+                focal_sigma=0.001,
+            )
+        )
+    return tuple(found)
+
+
+def _surfaces(outcomes):
+    """Surfaces differ as the camera bows do."""
+    return {
+        (i, j): Bowing(a.bowing.bowing_m - b.bowing.bowing_m, 0.01, 50.0)
+        for i, a in enumerate(outcomes)
+        for j, b in enumerate(outcomes)
+        if i < j
+    }
+
+
+def _chosen(camera, geometry=NADIR, flown=40.0, **figures):
+    outcomes = _outcomes(camera, **figures)
+    index, decision, veto = choose(outcomes, _surfaces(outcomes), camera, geometry, flown, DEFAULTS)
+    return outcomes[index].trial, decision, dict(zip((o.trial.name for o in outcomes), veto))
+
+
+def test_candidates_are_trusted_focals_times_distortions():
+    assert [t.name for t in trials_for(XMP)] == [
+        "focal xmp-dewarp, distortion none",
+        "focal xmp-dewarp, distortion xmp-dewarp",
+        "focal xmp-dewarp, distortion solved",
+        "focal solved, distortion none",
+        "focal solved, distortion xmp-dewarp",
+        "focal solved, distortion solved",
+    ]
+    assert {t.focal_source for t in trials_for(GUESSED)} == {"solved"}
+
+
+def test_bowing_chooses_the_distortion_although_its_reprojection_is_best():
+    best = {"focal sheet, distortion solved": 0.37, "focal solved, distortion solved": 0.37}
+    trial, decision, _ = _chosen(TRUSTED_FOCAL, bows={"solved": BOWED}, errors=best)
+    assert trial == Trial("focal sheet, distortion none", "sheet", "none", 0.6, STRAIGHT)
+    assert decision.hold and decision.focal_ratio == 0.6 and decision.distortion == STRAIGHT
+    assert "bowing" in decision.reason
+
+
+def test_bowing_can_overrule_a_sheet_that_says_corrected():
+    trial, decision, _ = _chosen(CORRECTED, bows={"none": BOWED})
+    assert trial.distortion_source == "solved"
+    assert not decision.hold
+
+
+@pytest.mark.parametrize(("camera", "bend"), [(CORRECTED, "none"), (XMP, "xmp-dewarp"), (TRUSTED_FOCAL, "solved")])
+def test_where_bowing_says_nothing_the_lens_is_as_known(camera, bend):
+    trial, decision, _ = _chosen(camera)
+    assert trial.distortion_source == bend
+    assert decision.hold is (bend != "solved")
+
+
+def test_a_guess_is_never_held():
+    _, decision, _ = _chosen(GUESSED)
+    assert not decision.hold and "solved" in decision.source
+
+
+def test_a_bow_within_its_error_is_not_called():
+    trial, _, _ = _chosen(XMP, bows={"xmp-dewarp": Bowing(-0.25, 0.1, 50.0)})
+    assert trial.distortion_source == "xmp-dewarp"
+
+
+def test_bowing_is_not_called_where_the_surfaces_agree():
+    outcomes = _outcomes(XMP, bows={"xmp-dewarp": BOWED})
+    same = {k: Bowing(0.001, 0.01, 50.0) for k in _surfaces(outcomes)}
+    index, _, _ = choose(outcomes, same, XMP, NADIR, 40.0, DEFAULTS)
+    assert outcomes[index].trial.distortion_source == "xmp-dewarp"
+
+
+def test_height_vetoes_but_does_not_rank():
+    heights = {"sheet": 41.5, "solved": 40.0}
+    trial, decision, veto = _chosen(CORRECTED, heights=heights)
+    assert trial.focal_source == "sheet" and decision.hold
+    heights = {"sheet": 55.0, "solved": 40.0}
+    trial, decision, veto = _chosen(CORRECTED, heights=heights)
+    assert trial.focal_source == "solved" and not decision.hold
+    assert "above ground" in veto["focal sheet, distortion none"]
+
+
+def test_held_may_cost_a_tenth_of_reprojection_and_no_more():
+    for cost, held in ((1.10, True), (1.11, False)):
+        errors = {"focal sheet, distortion none": 0.40 * cost, "focal sheet, distortion solved": 0.40 * cost}
+        _, decision, _ = _chosen(CORRECTED, errors=errors)
+        assert decision.hold is held
+
+
+def test_held_may_not_cost_gps_fit():
+    outcomes = [
+        replace(o, gps_horizontal_m=1.5) if o.trial.focal_source == "sheet" else o for o in _outcomes(CORRECTED)
+    ]
+    _, decision, _ = choose(tuple(outcomes), {}, CORRECTED, NADIR, 40.0, DEFAULTS)
+    assert not decision.hold
+
+
+def test_with_good_geometry_what_was_solved_stands():
+    trial, decision, _ = _chosen(CORRECTED, geometry=GOOD)
+    assert trial.focal_source == "solved" and not decision.hold
+    assert decision.focal_ratio == 0.66
+
+
+def test_an_uncertain_focal_is_weak_geometry():
+    outcomes = tuple(replace(o, focal_sigma=0.05) for o in _outcomes(CORRECTED))
+    index, decision, _ = choose(outcomes, {}, CORRECTED, GOOD, 40.0, DEFAULTS)
+    assert outcomes[index].trial.focal_source == "sheet" and decision.hold
+
+
+def test_gps_and_missing_figures_veto():
+    names = [t.name for t in trials_for(CORRECTED)]
+    _, _, veto = _chosen(CORRECTED, misfits={names[0]: 1.4}, errors={names[1]: None, names[2]: float("nan")})
+    assert "GPS" in veto[names[0]] and veto[names[1]] and veto[names[2]] and not veto[names[3]]
+
+
+def test_when_all_are_ruled_out_nothing_is_held():
+    names = [t.name for t in trials_for(CORRECTED)]
+    trial, decision, _ = _chosen(CORRECTED, misfits=dict.fromkeys(names, 3.0))
+    assert trial.focal_source == trial.distortion_source == "solved" and not decision.hold
+
+
+def test_a_setting_moves_only_what_its_trial_solves():
+    current = CameraSetting("p", 1200, 900, 0.62, distortion=(0.05, 0.01, 0.0, 0.0, 0.0))
+    for trial in trials_for(XMP):
+        setting = setting_for(trial, current)
+        assert setting.solve_focal is (trial.focal is None)
+        assert setting.solve_distortion is (trial.distortion is None)
+        if trial.distortion is not None:
+            assert setting.distortion == trial.distortion
