@@ -13,6 +13,7 @@ from .world import GAMMA, THERMAL_RANGE_C, World
 
 STEP = 3
 EDGE_STEPS = 20
+EDGE_STEP = 32
 # Walls are seen at a slant: their colour is that of what stands there, averaged over this, and darker.
 WALL_TEXEL_M = 0.5
 WALL_LIGHT = 0.72
@@ -38,6 +39,14 @@ def _slopes(camera: Camera, rotation: np.ndarray, step: int) -> Tuple[np.ndarray
     east = (r[0, 0] * x + r[1, 0] * y + r[2, 0]) / down
     north = (r[0, 1] * x + r[1, 1] * y + r[2, 1]) / down
     return np.clip(east, -STEEPEST, STEEPEST), np.clip(north, -STEEPEST, STEEPEST)
+
+
+def footprint(camera: Camera, rotation: np.ndarray, drop_m: float) -> Tuple[np.ndarray, np.ndarray]:
+    """Metres east and north from the lens to where the frame's edge meets the ground ``drop_m`` below."""
+    east, north = _slopes(camera, rotation, EDGE_STEP)
+    edge = np.ones(east.shape, bool)
+    edge[1:-1, 1:-1] = False
+    return east[edge].astype(float) * drop_m, north[edge].astype(float) * drop_m
 
 
 class _Heights:

@@ -19,10 +19,11 @@ from .truth import TrueCamera, TrueFrame, TrueMark, TruePayload, TruePoint, True
 from .world import World
 
 IMAGES = "images"
-MARGIN_M = 4.0
+MARGIN_M = 3.0
+DEEPEST_M = 8.0
 EDGE_PX = 8.0
 PANEL_HEIGHT_M = 1.3
-MOST_TEXELS = 36e6
+MOST_TEXELS = 30e6
 Progress = Callable[[int, int], None]
 
 
@@ -93,17 +94,18 @@ def world_of(survey: Survey, scene: Scene, seed: int) -> World:
     for shot in survey.shots:
         if shot.scene != scene.id:
             continue
-        camera = shot.optics(survey.payload(shot.payload))
-        off = math.radians(min(50.0, abs(90.0 + shot.pitch_deg)))
-        reach = math.hypot(0.5 / camera.focal_ratio, 0.5 * camera.height / camera.focal_px)
-        span = (shot.position[2] + 8.0 * scene.relief) * math.tan(min(1.2, off + math.atan(reach))) + MARGIN_M
-        west, east = min(west, shot.position[0] - span), max(east, shot.position[0] + span)
-        south, north = min(south, shot.position[1] - span), max(north, shot.position[1] + span)
+        payload = survey.payload(shot.payload)
+        camera = shot.optics(payload)
+        x, y = renderer.footprint(camera, shot.rotation(payload), shot.position[2] + DEEPEST_M * scene.relief)
+        at = shot.position
+        west, east = min(west, at[0] + float(x.min())), max(east, at[0] + float(x.max()))
+        south, north = min(south, at[1] + float(y.min())), max(north, at[1] + float(y.max()))
         if shot.role == "survey":
             finest = min(finest, shot.position[2] / camera.focal_px)
     points = [p for p in survey.points if p.scene == scene.id]
     texel = max(finest, math.sqrt((east - west) * (north - south) / MOST_TEXELS))
-    return World.make(scene, seed, (west, south, east, north), texel, points)
+    bounds = (west - MARGIN_M, south - MARGIN_M, east + MARGIN_M, north + MARGIN_M)
+    return World.make(scene, seed, bounds, texel, points)
 
 
 def render_shot(world: World, payload: Payload, shot: Shot, seed: int) -> Tuple[bytes, TrueFrame]:
