@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from .frame import Frame
 from .geo import distance_m, metres_per_degree
 from .profile import CameraProfile, Flight
 from .thresholds import Thresholds
+
+# A degree of latitude is nowhere shorter.
+_LEAST_M_PER_DEGREE = 110_000.0
 
 
 @dataclass(frozen=True)
@@ -73,30 +76,50 @@ def find_areas(
 
     def root(item: str) -> str:
         while parent[item] != item:
+            parent[item] = parent[parent[item]]
             item = parent[item]
         return item
 
-    for i, first in enumerate(ordered):
-        for second in ordered[i + 1 :]:
-            a, b = prints[first.id], prints[second.id]
-            if a and b and gap_m(a, b) <= a.reach_m + b.reach_m:
-                parent[root(second.id)] = root(first.id)
+    def join(first: str, second: str) -> None:
+        low, high = sorted((root(first), root(second)))
+        parent[high] = low
+
+    _join_overlapping({k: p for k, p in prints.items() if p is not None}, root, join)
     placed = [f for f in ordered if prints[f.id]]
-    roots = sorted({root(f.id) for f in placed})
-    for flight in ordered:
-        if prints[flight.id]:
-            continue
-        own = sorted({root(f.id) for f in placed if f.profile == flight.profile})
-        if own:
-            parent[flight.id] = own[0]
+    own: Dict[str, str] = {}
+    for flight in placed:
+        own[flight.profile] = min(root(flight.id), own.get(flight.profile, root(flight.id)))
+    roots = {root(f.id) for f in placed}
+    blind = [f for f in ordered if not prints[f.id]]
+    homeless: List[str] = []
+    for flight in blind:
+        if flight.profile in own:
+            parent[flight.id] = own[flight.profile]
         elif len(roots) == 1:
-            parent[flight.id] = roots[0]
+            parent[flight.id] = next(iter(roots))
         else:
-            blind = next((f.id for f in ordered if not prints[f.id] and f.id != flight.id and root(f.id) == f.id), None)
-            if blind and blind < flight.id:
-                parent[flight.id] = blind
+            homeless.append(flight.id)
+    for other in homeless[1:]:
+        parent[other] = homeless[0]
     weight: Dict[str, int] = {}
     for flight in ordered:
         weight[root(flight.id)] = weight.get(root(flight.id), 0) + len(flight.frames)
-    rank: List[str] = sorted(weight, key=lambda r: (-weight[r], r))
-    return {f.id: rank.index(root(f.id)) + 1 for f in ordered}
+    rank = {r: n for n, r in enumerate(sorted(weight, key=lambda r: (-weight[r], r)), start=1)}
+    return {f.id: rank[root(f.id)] for f in ordered}
+
+
+def _join_overlapping(
+    prints: Mapping[str, Footprint], root: Callable[[str], str], join: Callable[[str, str], None]
+) -> None:
+    """Sweep from south to north and join what can overlap; only what still reaches this far north is compared."""
+    most = max((p.reach_m for p in prints.values()), default=0.0)
+    active: List[str] = []
+    for name in sorted(prints, key=lambda k: (prints[k].box[0], k)):
+        here = prints[name]
+        active = [
+            k for k in active if prints[k].box[2] + (prints[k].reach_m + most) / _LEAST_M_PER_DEGREE >= here.box[0]
+        ]
+        for other in active:
+            if root(other) != root(name) and gap_m(prints[other], here) <= prints[other].reach_m + here.reach_m:
+                join(other, name)
+        active.append(name)

@@ -64,9 +64,9 @@ def _sessions(frames: Sequence[Frame], limits: Thresholds) -> List[List[Frame]]:
         new = not sessions
         if sessions:
             before, now = seconds(sessions[-1][-1]), seconds(frame)
-            if before is not None and now is not None and now - before > limits.flight_gap_s:
-                new = True
-            elif (before is None) != (now is None):
+            if before is None or now is None:
+                new = new or (before is None) != (now is None)
+            elif now - before > limits.flight_gap_s:
                 new = True
             if fix and last_fix and distance_m(last_fix, fix) > limits.flight_gap_m:
                 new = True
@@ -118,12 +118,16 @@ def _levels(frames: Sequence[Frame], heights: Mapping[str, Height], limits: Thre
     return [levels[k] for k in sorted(levels)]
 
 
-def roles(frames: Sequence[Frame], heights: Mapping[str, Height], limits: Thresholds) -> Dict[str, str]:
-    """Class a flight's frames (time-ordered): survey, panel, transit, horizon.
+def roles(
+    frames: Sequence[Frame], heights: Mapping[str, Height], limits: Thresholds, *, rig: bool = False
+) -> Dict[str, str]:
+    """Class a session's frames (time-ordered): survey, panel, transit, horizon.
 
-    Horizon: the gimbal is up while most of the flight looks down. Panel: the camera said so, or a still burst near the ground at an end of
-    the flight. Transit: at an end of the flight and below half its median
-    height, as long as such frames are a small part of it.
+    Horizon: the gimbal is up while most of the session looks down. Transit: at
+    an end of the session and below half its median height, as long as such
+    frames are a small part of it. Panel: the camera said so, or a frame of a
+    multispectral ``rig`` that stands at an end of the session near the ground
+    (where only GPS altitudes are known: still, and far below the rest).
     """
     result = {f.path: PANEL if f.panel else SURVEY for f in frames}
     tilts = {f.path: 90.0 + f.pitch_deg for f in frames if f.pitch_deg is not None}
@@ -133,41 +137,109 @@ def roles(frames: Sequence[Frame], heights: Mapping[str, Height], limits: Thresh
             if result[path] == SURVEY and tilt > limits.horizon_pitch_deg:
                 result[path] = HORIZON
     known = [h for f in frames if (h := heights[f.path].value_m) is not None]
-    if len(known) < limits.min_proof_frames or median(known) <= 2.0 * limits.panel_height_m:
-        return result
-    usual = median(known)
+    if len(known) >= limits.min_proof_frames:
+        low = _low_ends(frames, heights, median(known), limits)
+        for frame in low:
+            height = heights[frame.path].value_m
+            if result[frame.path] == SURVEY:
+                ground = rig and height is not None and height <= limits.panel_height_m
+                result[frame.path] = PANEL if ground else TRANSIT
+    elif rig:
+        for frame in _still_ends(frames, limits):
+            if result[frame.path] == SURVEY:
+                result[frame.path] = PANEL
+    return result
+
+
+def _low_ends(
+    frames: Sequence[Frame], heights: Mapping[str, Height], usual_m: float, limits: Thresholds
+) -> List[Frame]:
+    """Frames at either end below half the usual height, where they are few and the flight is no low one itself."""
+    if usual_m <= 2.0 * limits.panel_height_m:
+        return []
     allowed = max(limits.transit_max_frames, int(limits.transit_max_share * len(frames)))
+    found: List[Frame] = []
     for ordered in (list(frames), list(reversed(frames))):
         low: List[Frame] = []
         for frame in ordered:
             height = heights[frame.path].value_m
-            if height is None or height >= limits.transit_height_ratio * usual:
+            if height is None or height >= limits.transit_height_ratio * usual_m:
                 break
             low.append(frame)
-        if len(low) > allowed:
-            continue
-        for frame in low:
-            height = heights[frame.path].value_m
-            if result[frame.path] == SURVEY:
-                ground = height is not None and height <= limits.panel_height_m and bool(frame.bands)
-                result[frame.path] = PANEL if ground and not frame.focal_35mm else TRANSIT
+        if len(low) <= allowed:
+            found.extend(low)
+    return found
+
+
+def _still_ends(frames: Sequence[Frame], limits: Thresholds) -> List[Frame]:
+    """Bursts at either end that stand at one place, far below the session's median GPS altitude."""
+    known = [f.altitude_m for f in frames if f.has_gps and f.altitude_m is not None]
+    if len(known) < limits.min_proof_frames:
+        return []
+    floor = median(known) - limits.panel_drop_m
+    allowed = max(limits.transit_max_frames, int(limits.transit_max_share * len(frames)))
+    found: List[Frame] = []
+    for ordered in (list(frames), list(reversed(frames))):
+        still: List[Frame] = []
+        for frame in ordered:
+            if not frame.has_gps or frame.altitude_m is None or frame.altitude_m > floor:
+                break
+            if still and not _within(still[0], frame, limits.capture_distance_m):
+                break
+            still.append(frame)
+        if 2 <= len(still) <= allowed:
+            found.extend(still)
+    return found
+
+
+def _within(a: Frame, b: Frame, metres: float) -> bool:
+    place_a, place_b = (a.latitude or 0.0, a.longitude or 0.0), (b.latitude or 0.0, b.longitude or 0.0)
+    return distance_m(place_a, place_b) <= metres
+
+
+def one_role_per_capture(
+    role: Mapping[str, str], captures: Mapping[str, Sequence[str]], primary: Mapping[str, str]
+) -> Dict[str, str]:
+    """Give all frames of a capture one role.
+
+    ``captures`` maps a rig's capture to its paths, ``primary`` to the path of
+    its primary band where that is there: its role counts, else the one that
+    most speaks against use (panel, horizon, transit).
+    """
+    result = dict(role)
+    for capture, paths in captures.items():
+        chosen = role[primary[capture]] if capture in primary else SURVEY
+        if chosen == SURVEY:
+            said = {role[p] for p in paths}
+            # A panel flag on any band is the camera's own word for the whole trigger.
+            if PANEL in said:
+                chosen = PANEL
+            elif capture not in primary:
+                chosen = next((r for r in (HORIZON, TRANSIT) if r in said), SURVEY)
+        for path in paths:
+            result[path] = chosen
     return result
 
 
+def find_sessions(profile: CameraProfile, files: Mapping[str, Frame], limits: Thresholds) -> List[List[Frame]]:
+    """A profile's frames in time order, cut at pauses and jumps."""
+    return _sessions([files[p] for p in profile.frames], limits)
+
+
 def find_flights(
-    profile: CameraProfile, files: Mapping[str, Frame], heights: Mapping[str, Height], limits: Thresholds
-) -> Tuple[Tuple[Flight, ...], Dict[str, str]]:
-    """Cut a profile into flights and class its frames; figures are medians over survey frames."""
+    profile: CameraProfile,
+    sessions: Sequence[Sequence[Frame]],
+    role: Mapping[str, str],
+    heights: Mapping[str, Height],
+    limits: Thresholds,
+) -> Tuple[Flight, ...]:
+    """A profile's sessions as flights, one per level where it flew at two heights; medians are of survey frames."""
     flights: List[Flight] = []
-    role: Dict[str, str] = {}
-    frames = [files[p] for p in profile.frames]
     parts: List[List[Frame]] = []
-    for session in _sessions(frames, limits):
-        session_roles = roles(session, heights, limits)
-        role.update(session_roles)
-        survey = [f for f in session if session_roles[f.path] == SURVEY]
+    for session in sessions:
+        survey = [f for f in session if role[f.path] == SURVEY]
         levels = _levels(survey, heights, limits) if survey else []
-        aside = [f for f in session if session_roles[f.path] != SURVEY]
+        aside = [f for f in session if role[f.path] != SURVEY]
         if levels:
             levels[0] = _time_order(levels[0] + aside)
         parts.extend(levels or [aside])
@@ -190,4 +262,4 @@ def find_flights(
                 gsd_cm=gsd_cm(profile.intrinsics, middle[0], profile.width),
             )
         )
-    return tuple(flights), role
+    return tuple(flights)

@@ -6,23 +6,35 @@ files that have equal sizes.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Hashable, List, Mapping, Optional, Sequence, Tuple
 
 from .areas import find_areas
-from .captures import group_captures
-from .flights import SURVEY, Height, find_flights, gsd_cm, height_above_ground
+from .captures import find_bodies, group_captures
+from .flights import (
+    SURVEY,
+    Height,
+    find_flights,
+    find_sessions,
+    gsd_cm,
+    height_above_ground,
+    one_role_per_capture,
+    roles,
+)
 from .frame import BrokenFrame, Frame
 from .grouping import Sighting, camera_name, clean_serial, group, slug
-from .intrinsics import corrected_in_camera, find_row, resolve
+from .intrinsics import Intrinsics, corrected_in_camera, find_row, resolve
 from .profile import MULTISPECTRAL, RGB, THERMAL, CameraProfile, Flight, Payload, SurveyFrame
 from .read import Scan
-from .sensors import Sheet
+from .sensors import Sheet, SheetRow
 from .spectrum import Spectrum, classify
 from .thresholds import Thresholds
+
+_SAMPLE_BYTES = 65536
 
 
 @dataclass(frozen=True)
@@ -38,47 +50,95 @@ class Survey:
     broken: Tuple[BrokenFrame, ...] = ()
     ignored: Tuple[Tuple[str, int], ...] = ()
 
+    @functools.cached_property
+    def _file_of(self) -> Dict[str, Frame]:
+        return {f.path: f for f in self.files}
+
+    @functools.cached_property
+    def _profile_of(self) -> Dict[str, CameraProfile]:
+        return {p.id: p for p in self.profiles}
+
+    @functools.cached_property
+    def _flight_of(self) -> Dict[str, Flight]:
+        return {f.id: f for f in self.flights}
+
+    @functools.cached_property
+    def usable(self) -> Tuple[SurveyFrame, ...]:
+        """The frames that are survey and not left out, by path."""
+        return tuple(f for f in self.frames if f.excluded is None)
+
+    @functools.cached_property
+    def _usable_of(self) -> Dict[str, List[SurveyFrame]]:
+        result: Dict[str, List[SurveyFrame]] = defaultdict(list)
+        for frame in self.usable:
+            result[frame.payload].append(frame)
+        return dict(result)
+
+    def usable_of(self, payload: str) -> Sequence[SurveyFrame]:
+        """The usable frames of one payload, by path."""
+        return self._usable_of.get(payload, ())
+
     def file_of(self) -> Dict[str, Frame]:
         """Path -> what its file says."""
-        return {f.path: f for f in self.files}
+        return self._file_of
 
     def profile_of(self) -> Dict[str, CameraProfile]:
         """Id -> profile."""
-        return {p.id: p for p in self.profiles}
+        return self._profile_of
 
     def flight_of(self) -> Dict[str, Flight]:
         """Id -> flight."""
-        return {f.id: f for f in self.flights}
+        return self._flight_of
 
     def area_of(self) -> Dict[str, int]:
         """Flight id -> number of the area it was flown over, 1 being the largest."""
         return dict(self.areas)
 
 
+def _digest(file: Path, offset: int, length: int) -> bytes:
+    """SHA-256 of a part of a file, ``b""`` where it cannot be read."""
+    digest = hashlib.sha256()
+    try:
+        with open(file, "rb") as stream:
+            stream.seek(offset)
+            while length > 0:
+                block = stream.read(min(length, 1 << 20))
+                if not block:
+                    break
+                digest.update(block)
+                length -= len(block)
+    except OSError:
+        return b""
+    return digest.digest()
+
+
 def same_content(frames: Sequence[Frame], open_path: Callable[[str], Path]) -> Dict[str, str]:
     """Path of a duplicate -> path of the file it repeats, byte for byte.
 
-    Only files of equal size are read; the first by path is the original.
+    Equal bytes say equal things of themselves, so only files of equal size and
+    metadata are read, and whole only where their middles agree; the first by
+    path is the original.
     """
-    by_size: Dict[int, List[Frame]] = defaultdict(list)
-    for frame in frames:
-        by_size[frame.size_bytes].append(frame)
+    alike: Dict[Hashable, List[Frame]] = defaultdict(list)
+    for frame in sorted(frames, key=lambda f: f.path):
+        alike[(frame.size_bytes, frame.time, frame.capture_id, frame.bands, frame.exposure_s, frame.iso)].append(frame)
     repeats: Dict[str, str] = {}
-    for members in by_size.values():
+    for members in alike.values():
         if len(members) < 2:
             continue
-        first_of: Dict[bytes, str] = {}
-        for frame in sorted(members, key=lambda f: f.path):
-            digest = hashlib.sha256()
-            try:
-                with open(open_path(frame.path), "rb") as stream:
-                    for block in iter(lambda: stream.read(1 << 20), b""):
-                        digest.update(block)
-            except OSError:
+        size = members[0].size_bytes
+        middles: Dict[bytes, List[str]] = defaultdict(list)
+        for frame in members:
+            start = max(0, size // 2 - _SAMPLE_BYTES // 2)
+            middles[_digest(open_path(frame.path), start, _SAMPLE_BYTES)].append(frame.path)
+        for middle, paths in middles.items():
+            if not middle or len(paths) < 2:
                 continue
-            original = first_of.setdefault(digest.digest(), frame.path)
-            if original != frame.path:
-                repeats[frame.path] = original
+            first_of: Dict[bytes, str] = {}
+            for path in paths:
+                whole = _digest(open_path(path), 0, size)
+                if whole and first_of.setdefault(whole, path) != path:
+                    repeats[path] = first_of[whole]
     return repeats
 
 
@@ -86,7 +146,7 @@ def _rig_key(profile: CameraProfile) -> Tuple[str, str, str]:
     return (profile.make, profile.model, profile.serial)
 
 
-def find_payloads(profiles: Sequence[CameraProfile], capture_of: Mapping[str, str]) -> Tuple[Payload, ...]:
+def find_payloads(profiles: Sequence[CameraProfile]) -> Tuple[Payload, ...]:
     """Payloads: single cameras, and rigs made of the bands that share captures.
 
     The bands of one multispectral body are one payload, its long-wave band
@@ -123,21 +183,57 @@ def find_payloads(profiles: Sequence[CameraProfile], capture_of: Mapping[str, st
     return tuple(sorted(payloads, key=lambda p: p.id))
 
 
+class _RememberingSheet(Sheet):
+    """A sheet that answers the same question once: all frames of a camera ask it."""
+
+    @functools.cached_property
+    def _answers(self) -> Dict[Hashable, Tuple[SheetRow, ...]]:
+        return {}
+
+    def candidates(self, *asked: Any, **named: Any) -> Tuple[SheetRow, ...]:
+        """As ``Sheet.candidates``."""
+        key = (asked, tuple(named.items()))
+        if key not in self._answers:
+            self._answers[key] = super().candidates(*asked, **named)
+        return self._answers[key]
+
+
 def _captures(sights: Sequence[Sighting], kinds: Mapping[str, Spectrum], limits: Thresholds) -> Dict[str, str]:
-    """Captures per make and model that has more than one band or lens; other frames are captures of their own."""
-    bodies: Dict[Tuple[str, str], List[Sighting]] = defaultdict(list)
-    for sight in sights:
-        # Combined payloads name their modules differently (M3M, M3M-RGB); the body is the make and serial.
-        key = clean_serial(sight.frame.serial) or sight.frame.model
-        bodies[(sight.frame.make, key)].append(sight)
+    """Captures per body that has more than one band or lens; other frames are captures of their own."""
     result: Dict[str, str] = {}
-    for members in bodies.values():
-        band_of = {s.frame.path: f"{kinds[s.frame.path].band}/{s.frame.width}/{s.frame.image_source}" for s in members}
+    frames = [s.frame for s in sights]
+    for members in find_bodies(frames, {f.path: clean_serial(f.serial) for f in frames}):
+        band_of = {f.path: f"{kinds[f.path].band}/{f.width}/{f.image_source}" for f in members}
         if len(set(band_of.values())) > 1:
-            result.update(group_captures([s.frame for s in members], band_of, limits))
+            result.update(group_captures(members, band_of, limits))
         else:
-            result.update({s.frame.path: s.frame.path for s in members})
+            result.update({f.path: f.path for f in members})
     return result
+
+
+def _roles(
+    sessions: Mapping[str, Sequence[Sequence[Frame]]],
+    profiles: Sequence[CameraProfile],
+    payloads: Sequence[Payload],
+    capture_of: Mapping[str, str],
+    heights: Mapping[str, Height],
+    limits: Thresholds,
+) -> Dict[str, str]:
+    """The role of every frame; all bands of a rig's capture have one."""
+    role: Dict[str, str] = {}
+    for profile in profiles:
+        for session in sessions[profile.id]:
+            role.update(roles(session, heights, limits, rig=profile.spectrum == MULTISPECTRAL))
+    frames_of = {p.id: p.frames for p in profiles}
+    for payload in payloads:
+        if len(payload.profiles) > 1:
+            captures: Dict[str, List[str]] = defaultdict(list)
+            for member in payload.profiles:
+                for path in frames_of[member]:
+                    captures[capture_of[path]].append(path)
+            primary = {capture_of[path]: path for path in frames_of[payload.primary]}
+            role = one_role_per_capture(role, captures, primary)
+    return role
 
 
 def build(
@@ -150,64 +246,66 @@ def build(
 ) -> Survey:
     """Place every frame of a scan. The same frames in any order give the same survey."""
     files = tuple(sorted(scan.frames, key=lambda f: f.path))
+    sheet = _RememberingSheet(sheet.rows, sheet.thresholds)
     repeats = same_content(files, open_path)
     unique = [f for f in files if f.path not in repeats]
     kinds = {f.path: classify(f, sheet) for f in files}
+    known: Dict[Intrinsics, Intrinsics] = {}
     sights = []
     for frame in unique:
         kind = kinds[frame.path]
         row = find_row(frame, kind.spectrum, sheet, kind.band)
+        intrinsics = resolve(frame, kind.spectrum, sheet, limits, kind.band)
         sights.append(
             Sighting(
                 frame=frame,
                 spectrum=kind.spectrum,
                 band=kind.band,
-                intrinsics=resolve(frame, kind.spectrum, sheet, limits, kind.band),
+                intrinsics=known.setdefault(intrinsics, intrinsics),
                 corrected_in_camera=corrected_in_camera(frame, row),
                 zoom_lens=bool(row is not None and row.zoom),
             )
         )
-    intrinsics = {s.frame.path: s.intrinsics for s in sights}
+    intrinsics_of = {s.frame.path: s.intrinsics for s in sights}
     profiles = group(sights, limits)
     capture_of = _captures(sights, kinds, limits)
-    payloads = find_payloads(profiles, capture_of)
+    payloads = find_payloads(profiles)
     payload_of = {member: p.id for p in payloads for member in p.profiles}
     by_path = {f.path: f for f in files}
     heights: Dict[str, Height] = {f.path: height_above_ground(f, ground_m, limits) for f in files}
-    placed: List[SurveyFrame] = []
+    sessions = {p.id: find_sessions(p, by_path, limits) for p in profiles}
+    role = _roles(sessions, profiles, payloads, capture_of, heights, limits)
+    placed: Dict[str, SurveyFrame] = {}
     flights: List[Flight] = []
     for profile in profiles:
-        own, role = find_flights(profile, by_path, heights, limits)
+        own = find_flights(profile, sessions[profile.id], role, heights, limits)
         flights.extend(own)
         for flight in own:
             for path in flight.frames:
                 height = heights[path]
-                placed.append(
-                    SurveyFrame(
-                        path=path,
-                        profile=profile.id,
-                        flight=flight.id,
-                        payload=payload_of[profile.id],
-                        capture=capture_of[path],
-                        spectrum=kinds[path].spectrum,
-                        band=kinds[path].band,
-                        spectrum_evidence=kinds[path].evidence,
-                        role=role[path],
-                        intrinsics=intrinsics[path],
-                        height_m=height.value_m,
-                        height_source=height.source,
-                        height_sigma_m=height.sigma_m,
-                        gsd_cm=gsd_cm(intrinsics[path], height.value_m, by_path[path].width),
-                        excluded=None if role[path] == SURVEY else f"{role[path]}-frame",
-                    )
+                placed[path] = SurveyFrame(
+                    path=path,
+                    profile=profile.id,
+                    flight=flight.id,
+                    payload=payload_of[profile.id],
+                    capture=capture_of[path],
+                    spectrum=kinds[path].spectrum,
+                    band=kinds[path].band,
+                    spectrum_evidence=kinds[path].evidence,
+                    role=role[path],
+                    intrinsics=intrinsics_of[path],
+                    height_m=height.value_m,
+                    height_source=height.source,
+                    height_sigma_m=height.sigma_m,
+                    gsd_cm=gsd_cm(intrinsics_of[path], height.value_m, by_path[path].width),
+                    excluded=None if role[path] == SURVEY else f"{role[path]}-frame",
                 )
-    at = {f.path: f for f in placed}
     for path, original in repeats.items():
-        placed.append(replace(at[original], path=path, role="duplicate", excluded="duplicate-file"))
+        placed[path] = replace(placed[original], path=path, role="duplicate", excluded="duplicate-file")
     areas = find_areas(flights, {p.id: p for p in profiles}, by_path, limits)
     return Survey(
         files=files,
-        frames=tuple(sorted(placed, key=lambda f: f.path)),
+        frames=tuple(placed[f.path] for f in files),
         profiles=profiles,
         flights=tuple(flights),
         payloads=payloads,

@@ -131,6 +131,42 @@ class Thresholds:
     lut_max_slope: float = _number(4.0, "DN per DN", "a steeper table amplifies noise and JPEG blocks")
     jpeg_quality: int = _number(95, "libjpeg quality", "re-encoding loss stays below sensor noise")
 
+    # --- bands of a rig ----------------------------------------------------------
+    band_median_px: float = _number(
+        1.0, "px of the coarser band", "held-out residual of a warped band, median: beyond, an index mixes neighbours"
+    )
+    band_p95_px: float = _number(
+        3.0, "px of the coarser band", "held-out residual, 95th percentile: beyond, parts of the frame are off"
+    )
+    band_aligned_px: float = _number(0.5, "px", "bands nearer than this everywhere were aligned before: left alone")
+    band_captures: int = _number(30, "captures", "sampled per height bin; more do not move a homography of thousands of points")
+    band_height_bin: float = _number(
+        0.10, "ratio of height", "one homography per bin: parallax of a rig changes by less than a pixel inside it"
+    )
+    band_features: int = _number(3000, "features", "per band and capture; exact matching then costs 0.5 s per band")
+    band_match_dim_px: int = _number(2048, "px", "longer side at which bands are matched: holds most rigs at full size")
+    band_match_ratio: float = _number(
+        0.8, "ratio", "Lowe's ratio inside the search radius: 9 of 10 matches of two real rigs agree with one homography"
+    )
+    band_max_shift: float = _number(
+        0.10, "of the longer side", "no rig points its bands farther apart; the next capture of a flight would be"
+    )
+    band_ransac_px: float = _number(2.0, "px of the coarser band", "control points beyond it do not fit a homography")
+    band_outlier_px: float = _number(
+        10.0, "px of the coarser band", "held-out points beyond it are false matches and measure nothing"
+    )
+    band_min_held: int = _number(12, "points", "fewer held-out points prove nothing")
+    band_min_share: float = _number(
+        0.25, "ratio", "of control points that must agree: chance reaches a few hundredths inside the search radius"
+    )
+    band_refine_gain_px: float = _number(
+        0.1, "px", "gain on held-out points, median over captures, for which each capture gets its own homography"
+    )
+    band_area_tile_px: int = _number(40, "px of the coarser band", "window of the gradient comparison")
+    band_area_score: float = _number(0.35, "correlation", "a window's best place is believed from here")
+    band_area_distinct: float = _number(1.2, "ratio", "and where it beats the next best place by this")
+    band_user_points: int = _number(6, "points", "the user's control points per band: three fix an affine, the rest test it")
+
     # --- alignment ---------------------------------------------------------------
     min_inliers: int = _number(30, "matches", "verified matches of a pair; no false pair of two surveys reached it")
     max_reproj_error_px: float = _number(2.0, "px", "mean reprojection error of an accepted model; necessary, never enough")
