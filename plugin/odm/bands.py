@@ -19,6 +19,7 @@ MAX_BANDS = 10
 _BY_NAME = re.compile(r"^(.+)[-_]\w+(\.[A-Za-z]{3,4})$")
 _QUANTIX = re.compile(r"IMG_(\d+)_(\w+)\.\w+", re.IGNORECASE)
 _QUANTIX_BANDS = {"GRN": "Green", "NIR": "Nir", "RED": "Red", "RGB": "RedGreenBlue"}
+_BAND_PREFIXES = frozenset(("Camera", "FLIR"))
 _RGB = ("rgb", "redgreenblue")
 _PRIMARY_ALIASES = (_RGB, ("green", "g"), ("blue", "b"))
 _ORDER = {
@@ -99,8 +100,8 @@ def band_name(frame: Frame) -> str:
         found = _QUANTIX.match(frame.name)
         if found:
             return re.sub("[^A-Za-z0-9]+", "", _QUANTIX_BANDS.get(found.group(2), found.group(2)))
-    if any(p.startswith("xmp-malformed") for p in frame.problems):
-        return "RGB"  # ODM's repair of a broken packet loses its contents
+    if not _BAND_PREFIXES & set(frame.xmp_namespaces):
+        return "RGB"  # the band stands in a tag that ODM does not look up, such as DJI:BandName
     return re.sub("[^A-Za-z0-9]+", "", "".join(frame.bands)) or "RGB"
 
 

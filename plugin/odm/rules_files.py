@@ -41,16 +41,16 @@ def xmp_crash(folder: Folder) -> Iterator[Finding]:
 
 
 def xmp_malformed(folder: Folder) -> Iterator[Finding]:
-    """ODM repairs broken XMP and loses what it says: band, capture, altitude, RTK."""
+    """ODM repairs broken XMP with a parser that it does not install itself."""
     found = [f for f in folder.frames if any(p.startswith("xmp-malformed") for p in f.problems)]
     if found:
         yield finding(
             "odm-xmp-malformed",
             WARNING,
             found,
-            f"The XMP of {several(found)} is malformed. ODM repairs it and loses its contents: band, capture id, "
-            "heights and RTK accuracy of these frames.",
-            "Nothing to do for colour frames; for bands, write the packet anew with the maker's software.",
+            f"The XMP of {several(found)} is malformed. ODM repairs it where lxml is installed, and may misread band, "
+            "heights and RTK accuracy; where it is not, the run stops.",
+            "Write the packet anew with the maker's software, or remove it if the frames are plain colour.",
             odm=f"{found[0].name} has malformed XMP XML (but we fixed it)",
         )
 

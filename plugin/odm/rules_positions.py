@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Iterator
+from typing import Iterator, Sequence
 
 from ...stages.finding import ERROR, INFO, WARNING, Finding
 from .folder import Folder, finding, several
@@ -10,6 +10,8 @@ from .folder import Folder, finding, several
 _ODM_DEFAULT_DOP_M = 10.0
 _RTK_FIXED = 50
 _ZERO_ALTITUDE_SHARE = 0.05
+_ZONE_DEGREES = 6.0
+_UTM_LIMIT_DEGREES = (81.0, 99.0)
 
 
 def gps_missing(folder: Folder) -> Iterator[Finding]:
@@ -47,15 +49,22 @@ def gps_missing(folder: Folder) -> Iterator[Finding]:
 def gps_zero(folder: Folder) -> Iterator[Finding]:
     """ODM warns of a position 0,0 and uses it."""
     found = [f for f in folder.solver if f.latitude == 0.0 and f.longitude == 0.0]
-    if found:
-        yield finding(
-            "odm-gps-zero",
-            WARNING,
-            found,
-            f"{several(found)} has the position 0, 0. ODM warns and uses it, which throws the whole map off.",
-            "Leave these frames out, or give their positions in a geo.txt (--geo).",
-            odm=f"{found[0].name} has GPS position (0,0), possibly corrupted",
-        )
+    if not found:
+        return
+    others = [f.longitude for f in folder.solver if f.has_gps and f.longitude is not None]
+    # Proj has no UTM coordinate for a point on the equator a quarter of the globe away; ODM then gives up.
+    beyond = any(_UTM_LIMIT_DEGREES[0] <= abs(lon) <= _UTM_LIMIT_DEGREES[1] for lon in others)
+    effect = "which costs the whole map its georeference" if beyond else "which throws the map's origin off"
+    yield finding(
+        "odm-gps-zero",
+        WARNING,
+        found,
+        f"{several(found)} has the position 0, 0. ODM warns and uses it, {effect}.",
+        "Leave these frames out, or give their positions in a geo.txt (--geo).",
+        odm="Could not generate coordinates file. The orthophoto will not be georeferenced."
+        if beyond
+        else f"{found[0].name} has GPS position (0,0), possibly corrupted",
+    )
 
 
 def gps_reference(folder: Folder) -> Iterator[Finding]:
@@ -140,14 +149,19 @@ def repeated_blocks(folder: Folder) -> Iterator[Finding]:
         )
 
 
+def _longitude_span(longitudes: Sequence[float]) -> float:
+    """Degrees from the westernmost to the easternmost, over the date line where that is shorter."""
+    ordered = sorted(longitudes)
+    gaps = [b - a for a, b in zip(ordered, ordered[1:])] + [ordered[0] + 360.0 - ordered[-1]]
+    return 360.0 - max(gaps)
+
+
 def far_zone(folder: Folder) -> Iterator[Finding]:
     """All coordinates go into the UTM zone of the first frame that ODM lists."""
-    placed = [f for f in folder.solver if f.has_gps and f.longitude is not None and f.latitude is not None]
-    if len(placed) < 2:
-        return
-    longitudes = sorted(f.longitude for f in placed if f.longitude is not None)
-    span = longitudes[-1] - longitudes[0]
-    if span > 6.0:
+    placed = [f for f in folder.solver if f.has_gps]
+    longitudes = [f.longitude for f in placed if f.longitude is not None]
+    span = _longitude_span(longitudes) if longitudes else 0.0
+    if span > _ZONE_DEGREES:
         yield finding(
             "odm-positions-apart",
             ERROR,
@@ -155,7 +169,7 @@ def far_zone(folder: Folder) -> Iterator[Finding]:
             f"The frames lie {span:.0f} degrees of longitude apart; ODM puts all of them into one map zone.",
             "Process the areas apart, or leave out the frames with wrong positions.",
             measured=round(span, 2),
-            threshold=6.0,
+            threshold=_ZONE_DEGREES,
         )
 
 
