@@ -136,8 +136,9 @@ def _job(
         lut = tables[action.lut]
     focal_mm = action.focal_mm if action.focal_mm != frame.focal_mm else None
     focal_35mm = action.focal_35mm if action.focal_35mm != frame.focal_35mm else None
+    width_mm = action.sensor_width_mm if frame.focal_plane_x_res is not None else None
     pixels = bool(lut) or size != (frame.width, frame.height)
-    if not pixels and focal_mm is None and focal_35mm is None:
+    if not pixels and focal_mm is None and focal_35mm is None and width_mm is None:
         return None
     return FrameJob(
         path=frame.path,
@@ -152,6 +153,7 @@ def _job(
         tables=lut,
         focal_mm=focal_mm,
         focal_35mm=focal_35mm,
+        sensor_width_mm=width_mm,
         known=known.get(frame.path, ()),
     )
 

@@ -25,7 +25,8 @@ IMAGE_WIDTH, IMAGE_LENGTH = 0x0100, 0x0101
 EXIF_IFD, GPS_IFD, INTEROP_IFD = 0x8769, 0x8825, 0xA005
 FOCAL_LENGTH, FOCAL_35MM = 0x920A, 0xA405
 PIXEL_X, PIXEL_Y = 0xA002, 0xA003
-FOCAL_PLANE_X, FOCAL_PLANE_Y = 0xA20E, 0xA20F
+FOCAL_PLANE_X, FOCAL_PLANE_Y, FOCAL_PLANE_UNIT = 0xA20E, 0xA20F, 0xA210
+FOCAL_PLANE_UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 RELATED_WIDTH, RELATED_LENGTH = 0x1001, 0x1002
 _THUMBNAIL_AT, _THUMBNAIL_BYTES = 0x0201, 0x0202
 _STRIPS, _STRIP_BYTES = 0x0111, 0x0117
@@ -39,16 +40,20 @@ class TagEdit:
     the frame was resampled: focal-plane resolutions are multiplied by
     new/old, sizes rewritten, thumbnails dropped. ``focal_mm`` and
     ``focal_35mm`` replace the tags of that name and are added where absent.
+    ``focal_plane`` is (width, height in pixels, sensor width in mm): both
+    focal-plane resolutions are set to that density, in the unit that the file
+    uses, and the sizes to these.
     """
 
     size: Optional[Tuple[int, int, int, int]] = None
     focal_mm: Optional[float] = None
     focal_35mm: Optional[float] = None
+    focal_plane: Optional[Tuple[int, int, float]] = None
 
     @property
     def empty(self) -> bool:
         """Nothing is to be changed."""
-        return self.size is None and self.focal_mm is None and self.focal_35mm is None
+        return self == TagEdit()
 
 
 @dataclass(frozen=True)
@@ -229,6 +234,8 @@ def edit_tags(block: TiffBlock, edit: TagEdit) -> None:
     exif_at = block.pointer(exif)
     if edit.size is not None:
         _edit_size(block, edit.size, exif_at)
+    if edit.focal_plane is not None and exif_at is not None:
+        _edit_focal_plane(block, exif_at, *edit.focal_plane)
     wanted: Dict[int, Tuple[int, bytes]] = {}
     if edit.focal_mm is not None:
         focal = decimal(edit.focal_mm)
@@ -253,6 +260,23 @@ def _set(block: TiffBlock, at: Optional[int], tag: int, value: Fraction) -> bool
     if entry is None:
         return False
     return block.number(entry) == value or block.set_number(entry, value)
+
+
+def _edit_focal_plane(block: TiffBlock, exif_at: int, width: int, height: int, sensor_width_mm: float) -> None:
+    """Say the true size and sensor width; square pixels, so both directions have one density."""
+    unit_entry = block.find(exif_at, FOCAL_PLANE_UNIT)
+    unit = block.number(unit_entry) if unit_entry is not None else Fraction(2)
+    unit_mm = FOCAL_PLANE_UNIT_MM.get(int(unit)) if unit is not None else None
+    if unit_mm is None or sensor_width_mm <= 0:
+        return
+    density = decimal(width * unit_mm / sensor_width_mm)
+    for tag, value in (
+        (FOCAL_PLANE_X, density),
+        (FOCAL_PLANE_Y, density),
+        (PIXEL_X, Fraction(width)),
+        (PIXEL_Y, Fraction(height)),
+    ):
+        _set(block, exif_at, tag, value)
 
 
 def _edit_size(block: TiffBlock, size: Tuple[int, int, int, int], exif_at: Optional[int]) -> None:

@@ -27,6 +27,8 @@ class FlightAction:
     the one focal tag that the project's copies carry (written where absent),
     ``None`` leaves the tags. ``radiometric_none`` is set where resampling voids
     black level, vignette or row gradient: the frames are no reflectance then.
+    ``sensor_width_mm`` is set where the focal-plane tags are stale: the copies'
+    tags are set to say this width.
     """
 
     profile: str
@@ -45,6 +47,7 @@ class FlightAction:
     focal_35mm: Optional[float] = None
     reasons: Tuple[str, ...] = ()
     radiometric_none: bool = False
+    sensor_width_mm: Optional[float] = None
 
 
 @dataclass(frozen=True)

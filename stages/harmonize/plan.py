@@ -6,7 +6,7 @@ flight and channel; one focal tag per profile. Every action says why.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 from ..finding import ERROR, INFO, WARNING, Finding, sort_key
@@ -51,6 +51,7 @@ def plan(
     targets = choose(units, files, thresholds, gsd_target)
     by_id = {p.id: p for p in profiles}
     tags = {p: _focal_tags(members, files) for p, members in _by_profile(groups).items()}
+    planes = _sensor_widths(frames, by_id)
     tables = {lut.id: lut for lut in luts}
     sizes = _out_sizes(units, targets, by_id, thresholds)
     actions: List[FlightAction] = []
@@ -58,13 +59,31 @@ def plan(
     for unit in units:
         target = targets[unit.key]
         for group in unit.groups:
-            actions.append(_action(group, unit, target, sizes[group.key], tags[group.profile], tables, files))
+            action = _action(group, unit, target, sizes[group.key], tags[group.profile], tables, files)
+            width_mm = planes.get(group.profile)
+            if width_mm is not None:
+                said = f"stale focal-plane tags: the copies say a sensor width of {width_mm:.2f} mm"
+                action = replace(action, sensor_width_mm=width_mm, reasons=(*action.reasons, said))
+            actions.append(action)
         findings.extend(_unit_findings(unit, target, sizes))
     findings.extend(_unknown(units, targets))
     actions.sort(key=lambda a: (a.profile, a.flight))
     used = {a.lut for a in actions}
     kept = tuple(sorted((t for t in tables.values() if t.id in used), key=lambda t: t.id))
     return HarmonizePlan(tuple(actions), kept), tuple(sorted(findings, key=sort_key))
+
+
+def _sensor_widths(frames: Sequence[SurveyFrame], profiles: Mapping[str, CameraProfile]) -> Dict[str, float]:
+    """Profile -> the true sensor width in mm, for profiles with frames whose focal-plane tags are stale."""
+    stale = {f.profile for f in frames if any(n.startswith("stale-focal-plane") for n in f.intrinsics.notes)}
+    widths: Dict[str, float] = {}
+    for name in sorted(stale & set(profiles)):
+        known = profiles[name].intrinsics
+        if known.sensor_width_mm is not None:
+            widths[name] = known.sensor_width_mm
+        elif known.focal_mm is not None and known.focal_ratio:
+            widths[name] = known.focal_mm / known.focal_ratio
+    return widths
 
 
 def lut_id(profile: str, flight: str) -> str:

@@ -43,13 +43,15 @@ class FrameJob:
     tables: Tuple[Tuple[int, ...], ...] = ()
     focal_mm: Optional[float] = None
     focal_35mm: Optional[float] = None
+    sensor_width_mm: Optional[float] = None
     known: Tuple[str, ...] = ()
 
     def edit(self) -> TagEdit:
         """Return what changes in the tags."""
         same = (self.width, self.height) == (self.out_width, self.out_height)
         size = None if same else (self.width, self.height, self.out_width, self.out_height)
-        return TagEdit(size, self.focal_mm, self.focal_35mm)
+        plane = None if self.sensor_width_mm is None else (self.out_width, self.out_height, self.sensor_width_mm)
+        return TagEdit(size, self.focal_mm, self.focal_35mm, plane)
 
 
 def key_of(job: FrameJob, source_digest: str, limits: Thresholds) -> str:

@@ -261,3 +261,35 @@ def test_any_bytes_as_exif(data):
             edit_tags(TiffBlock(bytearray(head + data)), TagEdit((10, 10, 20, 20), 5.0, 25))
         except FrameError:
             continue
+
+
+def test_stale_focal_plane_tags_are_set_right():
+    """A frame shrunk by its owner: half the pixels, the tags of the whole; the copy says the true width."""
+    import io
+
+    import piexif
+    from PIL import Image
+    from sensorgate.stages.harmonize.exif import TagEdit
+    from sensorgate.stages.harmonize.metadata import retag
+
+    exif = piexif.dump(
+        {
+            "0th": {},
+            "Exif": {
+                piexif.ExifIFD.FocalLength: (52, 10),
+                piexif.ExifIFD.FocalPlaneXResolution: (4547420, 1000),
+                piexif.ExifIFD.FocalPlaneYResolution: (4547420, 1000),
+                piexif.ExifIFD.FocalPlaneResolutionUnit: 2,
+                piexif.ExifIFD.PixelXDimension: 1332,
+                piexif.ExifIFD.PixelYDimension: 1000,
+            },
+            "GPS": {},
+            "1st": {},
+        }
+    )
+    stream = io.BytesIO()
+    Image.new("RGB", (666, 500), (10, 90, 10)).save(stream, "JPEG", exif=exif)
+    tags = piexif.load(retag(stream.getvalue(), TagEdit(focal_plane=(666, 500, 7.44))))["Exif"]
+    density = tags[piexif.ExifIFD.FocalPlaneXResolution]
+    assert 666 * 25.4 / (density[0] / density[1]) == pytest.approx(7.44, abs=1e-4)
+    assert (tags[piexif.ExifIFD.PixelXDimension], tags[piexif.ExifIFD.PixelYDimension]) == (666, 500)
