@@ -185,6 +185,7 @@ def _write_one(
     # Bands beside the primary take its pose and camera over in ODM; only the primary's camera is solved.
     solver = [h for h in headers if h.primary]
     calibration = calibration_for(solver, decisions, settings.thresholds)
+    solved = {h.profile for h in solver}
     ground = control.for_project(
         name, paths, copies, survey, settings.thresholds, primary={h.frame.path for h in headers if h.primary}
     )
@@ -192,7 +193,8 @@ def _write_one(
     needs = OptionNeeds(
         lock=calibration.lock,
         cameras_cover_all=calibration.covers_all,
-        lock_reason=calibration.reason,
+        # No solver figure may stand in odm.sh: it is equal byte for byte between runs.
+        lock_reason="; ".join(sorted({d.reason for p, d in decisions.items() if d.lock and p in solved})),
         radiometry_changed=changed,
         has_gcp=ground.gcp_text is not None,
         force_gcp=settings.force_gcp,
@@ -212,7 +214,7 @@ def _write_one(
         geo_text=ground.geo_text,
         calibration=dict(calibration.cameras) or None,
         alignment=alignment,
-        notes=item.proven.reasons,
+        notes=(f"route: {item.proven.route}",),
     )
     for profile in profiles:
         held = calibration.lock
