@@ -197,16 +197,12 @@ def _incomplete(
     """Drop the captures that lack a band, as ODM does where bands differ in number. Raises ``BandStop``."""
     maps, _ = _band_maps(bands, fullest, messages)
     most = max((len(m) for m in maps.values()), default=0)
-    gone: List[str] = []
-    for name in maps:
-        if len(maps[name]) < most:
-            out = [*(p.name for p in maps[name]), name]
-            gone += [p.path for p in photos if p.name in out]
-            messages.extend(f"Excluding {n}" for n in out)
-            photos = [p for p in photos if p.name not in out]
-            for band in bands:
-                band.photos = [p for p in band.photos if p.name not in out]
-    return photos, gone
+    out = [n for name, others in maps.items() if len(others) < most for n in (*(p.name for p in others), name)]
+    messages.extend(f"Excluding {n}" for n in out)
+    gone = set(out)
+    for band in bands:
+        band.photos = [p for p in band.photos if p.name not in gone]
+    return [p for p in photos if p.name not in gone], [p.path for p in photos if p.name in gone]
 
 
 def _redundant(names: Sequence[str], first_is_m3m: bool) -> List[str]:

@@ -137,16 +137,15 @@ def odm_focal_ratio(
     except ArithmeticError as error:
         return OdmFocal(None, "crash", True, f"{error}: ODM stops with a TypeError when it reads this frame.")
 
-    equivalent = frame.focal_35mm if focal_35mm is None else focal_35mm
-    if equivalent is not None and equivalent > 0:
-        return OdmFocal(equivalent / 36.0, "equivalent-35mm", True, "ODM takes FocalLengthIn35mmFilm / 36.")
-
     focal = frame.focal_mm if focal_mm is None else focal_mm
     if focal is None and frame.xmp_lens:
         try:
             focal = _lens_focal_mm(frame.xmp_lens)
-        except ValueError:
+        except ValueError:  # ODM gives up on the frame here, even beside a good 35 mm focal
             return OdmFocal(DEFAULT_RATIO, "default", True, "The lens name in XMP holds no number that ODM can read.")
+    equivalent = frame.focal_35mm if focal_35mm is None else focal_35mm
+    if equivalent is not None and equivalent > 0:
+        return OdmFocal(equivalent / 36.0, "equivalent-35mm", True, "ODM takes FocalLengthIn35mmFilm / 36.")
     if not focal:
         return OdmFocal(DEFAULT_RATIO, "default", True, "The frame has no focal length, so ODM takes 0.85.")
     if sensor_mm:

@@ -90,9 +90,10 @@ def paths(frames: Sequence[Frame]) -> Tuple[str, ...]:
     return tuple(f.path for f in frames)
 
 
-def several(frames: Sequence[Frame]) -> str:
-    """``IMG_1.jpg`` or ``12 frames (first: IMG_1.jpg)``."""
-    return frames[0].name if len(frames) == 1 else f"{len(frames)} frames (first: {frames[0].name})"
+def several(frames: Sequence[Frame], one: str = "", many: str = "") -> str:
+    """``IMG_1.jpg has`` or ``12 frames (first: IMG_1.jpg) have``: the frames with the verb in their number."""
+    name = frames[0].name if len(frames) == 1 else f"{len(frames)} frames (first: {frames[0].name})"
+    return f"{name} {one if len(frames) == 1 else many}".rstrip()
 
 
 def finding(

@@ -134,8 +134,8 @@ def unnamed_bands(folder: Folder) -> Iterator[Finding]:
             "odm-band-unnamed",
             ERROR if len({folder.profile_of.get(f.path) for f in found}) > 1 else WARNING,
             found,
-            f"ODM reads no band name from {several(found)} and takes it for colour: the bands would be solved and "
-            "textured as one.",
+            f"ODM reads no band name from {several(found)} and takes them for colour: the bands would be solved "
+            "and textured as one.",
             "Write XMP Camera:BandName into the frames with the maker's software before they are processed.",
         )
 
@@ -221,23 +221,23 @@ def band_sizes(folder: Folder) -> Iterator[Finding]:
 
 def two_rigs(folder: Folder) -> Iterator[Finding]:
     """Two multi-band cameras with the same bands count as one: one alignment per band for both."""
-    primary = folder.bands.primary
-    if primary is None or folder.bands.stop:
+    if folder.bands.primary is None or folder.bands.stop:
         return
-    cameras: Dict[str, Set[Tuple[str, str]]] = defaultdict(set)
+    bands: Dict[Tuple[str, str], Set[str]] = defaultdict(set)
     frames: Dict[Tuple[str, str], List[Frame]] = defaultdict(list)
     for frame in folder.with_fate(SOLVER, BAND):
         photo = folder.photos[frame.path]
-        cameras[photo.band].add((photo.make, photo.model))
+        bands[photo.make, photo.model].add(photo.band)
         frames[photo.make, photo.model].append(frame)
-    if len(cameras[primary]) > 1:
-        fewest = min(frames, key=lambda k: (len(frames[k]), k))
-        shown = " and ".join(" ".join(c).strip() for c in sorted(cameras[primary]))
+    rigs = sorted(c for c in bands if len(bands[c]) > 1 and folder.bands.primary in bands[c])
+    if len(rigs) > 1:
+        fewest = min(rigs, key=lambda c: (len(frames[c]), c))
         yield finding(
             "odm-rigs-mixed",
             WARNING,
             frames[fewest],
-            f"ODM takes {shown} for one multi-band camera: it aligns each band of both with one shift.",
+            f"ODM takes {' and '.join(' '.join(c).strip() for c in rigs)} for one multi-band camera: it aligns each "
+            "band of both with one shift.",
             "Process each camera apart.",
         )
 

@@ -133,8 +133,8 @@ def zoom(folder: Folder) -> Iterator[Finding]:
                 "odm-zoom-ignored",
                 ERROR,
                 zoomed,
-                f"{several(zoomed)} was taken with digital zoom. ODM ignores that and puts it under one camera with "
-                "frames that were not: the block bends.",
+                f"{several(zoomed, 'was', 'were')} taken with digital zoom. ODM ignores that and puts them under one "
+                "camera with frames that were not: the block bends.",
                 "Leave the zoomed frames out, or process them apart.",
                 measured=max(levels),
                 threshold=1.0,
@@ -149,7 +149,7 @@ def anonymous(folder: Folder) -> Iterator[Finding]:
             "odm-camera-anonymous",
             WARNING,
             found,
-            f"{several(found)} names no camera. ODM puts all such frames of one size under one camera.",
+            f"{several(found, 'names', 'name')} no camera. ODM puts all such frames of one size under one camera.",
             "Write Make and Model into the frames: exiftool -Make=... -Model=... FILE.",
         )
 
@@ -176,7 +176,7 @@ def projection(folder: Folder) -> Iterator[Finding]:
             "odm-projection-lost",
             ERROR if kind == "dual" else WARNING,
             found,
-            f"{several(found)} asks for the {kind} projection, which ODM cannot carry through to the map.",
+            f"{several(found, 'asks', 'ask')} for the {kind} projection, which ODM cannot carry through to the map.",
             "Write XMP Camera:ModelType perspective, or leave the frames out.",
             odm="KeyError: 'transition'" if kind == "dual" else "Not undistorting image with unknown camera type.",
         )
@@ -198,7 +198,7 @@ def feature_scale(folder: Folder) -> Iterator[Finding]:
             INFO,
             small,
             f"The largest photo ({largest} px) decides at which size ODM finds features; {several(small)} with "
-            f"{smallest} px keeps its own size while the others are halved.",
+            f"{smallest} px stay at their own size while the others are halved.",
             "Nothing to do; matching between them is a little better than the sizes suggest.",
             measured=round(largest / smallest, 2),
             threshold=2.0,

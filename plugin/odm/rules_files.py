@@ -20,7 +20,7 @@ def focal_plane_crash(folder: Folder) -> Iterator[Finding]:
             "odm-crash-focal-plane",
             ERROR,
             found,
-            f"ODM would stop on {several(found)}: its FocalPlaneXResolution is 0/0.",
+            f"ODM would stop on {several(found)}: FocalPlaneXResolution is 0/0.",
             "Remove the tag (exiftool -FocalPlaneXResolution= -FocalPlaneYResolution= FILE) or leave the frame out.",
             odm="TypeError: '<=' not supported between instances of 'NoneType' and 'int'",
         )
@@ -34,7 +34,7 @@ def xmp_crash(folder: Folder) -> Iterator[Finding]:
             "odm-crash-xmp-encoding",
             ERROR,
             found,
-            f"ODM would stop on {several(found)}: its XMP packet is not UTF-8.",
+            f"ODM would stop on {several(found)}: the XMP packet is not UTF-8.",
             _STRIP_XMP,
             odm="UnicodeDecodeError: 'utf-8' codec can't decode byte",
         )
@@ -63,7 +63,7 @@ def masks(folder: Folder) -> Iterator[Finding]:
             "odm-name-mask",
             WARNING,
             found,
-            f"ODM would take {several(found)} for a mask, because the name ends in _mask.",
+            f"ODM would take {several(found)} for a mask: a name that ends in _mask is no photo to it.",
             "Rename it if it is a photo; sensorgate run does so in its copies.",
         )
 
@@ -157,7 +157,7 @@ def panorama_shape(folder: Folder) -> Iterator[Finding]:
             "odm-panorama-shape",
             INFO,
             found,
-            f"{several(found)} is exactly twice as wide as high; ODM takes that for a panorama and scales "
+            f"{several(found, 'is', 'are')} exactly twice as wide as high; ODM takes that for a panorama and scales "
             "its features otherwise.",
             "Nothing to do, unless matching is poor: then crop the frames by one row.",
         )

@@ -37,7 +37,7 @@ def gps_missing(folder: Folder) -> Iterator[Finding]:
         "odm-gps-exhaustive",
         WARNING,
         without,
-        f"{several(without)} has no position. One is enough: ODM then matches every frame with every other, "
+        f"{several(without, 'has', 'have')} no position. One is enough: ODM then matches every frame with every other, "
         f"{pairs} pairs for {len(solver)} frames.",
         "Leave these frames out, or give their positions in a geo.txt (--geo).",
         measured=float(pairs),
@@ -59,7 +59,7 @@ def gps_zero(folder: Folder) -> Iterator[Finding]:
         "odm-gps-zero",
         WARNING,
         found,
-        f"{several(found)} has the position 0, 0. ODM warns and uses it, {effect}.",
+        f"{several(found, 'has', 'have')} the position 0, 0. ODM warns and uses it, {effect}.",
         "Leave these frames out, or give their positions in a geo.txt (--geo).",
         odm="Could not generate coordinates file. The orthophoto will not be georeferenced."
         if beyond
@@ -75,7 +75,7 @@ def gps_reference(folder: Folder) -> Iterator[Finding]:
             "odm-gps-reference-missing",
             WARNING,
             found,
-            f"{several(found)} does not say north or south, east or west; ODM assumes north and east.",
+            f"{several(found, 'does', 'do')} not say north or south, east or west; ODM assumes north and east.",
             "Write the tags: exiftool -GPSLatitudeRef=S -GPSLongitudeRef=W FILE.",
             odm=f"GPS position for {found[0].name} might be incorrect, GPSLatitudeRef tag is missing (assuming N)",
         )
@@ -92,8 +92,8 @@ def altitude(folder: Folder) -> Iterator[Finding]:
             "odm-altitude-missing",
             WARNING,
             without,
-            f"{several(without)} has no height. One is enough: ODM then ignores the heights of all {len(solver)} "
-            "frames and levels the block by how the cameras stood.",
+            f"{several(without, 'has', 'have')} no height. One is enough: ODM then ignores the heights of all "
+            f"{len(solver)} frames and levels the block by how the cameras stood.",
             "Leave these frames out, or give their heights in a geo.txt (--geo).",
         )
     elif placed and len(zero) > _ZERO_ALTITUDE_SHARE * len(solver):
@@ -119,7 +119,8 @@ def rtk(folder: Folder) -> Iterator[Finding]:
             "odm-rtk-not-fixed",
             WARNING,
             loose,
-            f"{several(loose)} carries an RTK deviation without a fixed solution; ODM believes it all the same.",
+            f"{several(loose, 'carries', 'carry')} an RTK deviation without a fixed solution; ODM believes it "
+            "all the same.",
             "Use the geo.txt that sensorgate run writes: it holds true accuracies for each frame.",
         )
     plain = [f for f in folder.solver if f.rtk_std_m is None and f.latitude is not None]
