@@ -19,6 +19,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 OptionValue = Union[bool, int, float, str]
 OptionList = Sequence[Mapping[str, Any]]
 
+_NO_SIGNS = re.compile(r"[^A-Za-z0-9]+")
 _LIST = Path(__file__).with_name("options_3_6_0.json")
 
 
@@ -84,10 +85,9 @@ def _wanted(needs: OptionNeeds) -> List[Option]:
         why = needs.lock_reason or "every camera of the project is in the cameras file and is to be held"
         wanted.append(Option("use-fixed-camera-params", True, why))
     if needs.bands_aligned:
-        if needs.primary_band:
-            wanted.append(
-                Option("primary-band", needs.primary_band, "the other bands were warped onto this one, keep it primary")
-            )
+        primary = _NO_SIGNS.sub("", needs.primary_band or "")  # ODM compares with a name cut to letters and digits
+        if primary:
+            wanted.append(Option("primary-band", primary, "the other bands were warped onto this one, keep it primary"))
         wanted.append(Option("skip-band-alignment", True, "the bands are aligned already"))
     if needs.radiometry_changed:
         wanted.append(

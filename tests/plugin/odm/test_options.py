@@ -30,6 +30,7 @@ def test_aligned_bands_keep_their_primary_and_are_not_aligned_again() -> None:
     found = options_for(OptionNeeds(bands_aligned=True, primary_band="Green"))
     assert [(o.name, o.value) for o in found] == [("primary-band", "Green"), ("skip-band-alignment", True)]
     assert names(OptionNeeds(primary_band="Green")) == []
+    assert options_for(OptionNeeds(bands_aligned=True, primary_band="Red edge"))[0].value == "Rededge"
 
 
 def test_changed_pixels_are_not_calibrated_to_reflectance() -> None:
