@@ -8,6 +8,7 @@ not alias), further down the area mean.
 
 from __future__ import annotations
 
+import io
 from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
@@ -131,11 +132,24 @@ def encode_jpeg(pixels: Pixels, subsampling: Optional[Tuple[int, int]], limits: 
     """Encode at ``limits.jpeg_quality`` with the chroma subsampling of the original, (2, 1) being 4:2:2."""
     cv2 = opencv()
     options = [cv2.IMWRITE_JPEG_QUALITY, int(limits.jpeg_quality)]
-    name = _SUBSAMPLINGS.get(subsampling or (2, 2), "444")
-    factor = getattr(cv2, f"IMWRITE_JPEG_SAMPLING_FACTOR_{name}", None)
-    if factor is not None and pixels.ndim == 3:
+    if pixels.ndim == 3:
+        name = _SUBSAMPLINGS.get(subsampling or (2, 2), "444")
+        factor = getattr(cv2, f"IMWRITE_JPEG_SAMPLING_FACTOR_{name}", None)
+        if factor is None:
+            return _encode_by_pillow(pixels, name, limits)
         options += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, factor]
     done, encoded = cv2.imencode(".jpg", pixels, options)
     if not done:
         raise FrameError("pixels-not-supported", "This frame could not be written as a JPEG.")
     return bytes(encoded.tobytes())
+
+
+def _encode_by_pillow(pixels: Pixels, name: str, limits: Thresholds) -> bytes:
+    """Encode colour where OpenCV is too old to be told the subsampling; rare kinds then keep all their chroma."""
+    from PIL import Image
+
+    out = io.BytesIO()
+    subsampling = {"444": 0, "422": 1, "420": 2}.get(name, 0)
+    image = Image.fromarray(np.ascontiguousarray(pixels[:, :, ::-1]))
+    image.save(out, "JPEG", quality=int(limits.jpeg_quality), subsampling=subsampling)
+    return out.getvalue()

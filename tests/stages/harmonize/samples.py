@@ -98,10 +98,12 @@ def jpeg_bytes(
     image = Image.fromarray(pixels[:, :, 0] if grey else pixels)
     out = io.BytesIO()
     options: Dict[str, Any] = {} if grey else {"subsampling": subsampling}
-    image.save(
-        out, "JPEG", quality=95, exif=exif_block(width, height) if exif is None else exif, xmp=XMP, **options, **more
-    )
-    return out.getvalue()
+    image.save(out, "JPEG", quality=95, exif=exif_block(width, height) if exif is None else exif, **options, **more)
+    data = out.getvalue()
+    at = data.index(b"Exif\x00\x00") - 4
+    at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    body = b"http://ns.adobe.com/xap/1.0/\x00" + XMP
+    return data[:at] + b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body + data[at:]
 
 
 def odm_focal_ratio(data: bytes) -> float:
