@@ -1,0 +1,1 @@
+"""How the stages plug into a stack: the only place that knows ODM, NodeODM, pyodm, WebODM."""

@@ -168,9 +168,7 @@ def _with_gcp(control: Control, gcp: GcpFile, limits: Thresholds) -> Control:
         }
         for number, (latitude, longitude, height) in enumerate(images, start=1)
     )
-    return replace(
-        control, placed=placed, points=points, findings=(*control.findings, *gcp.findings, *placed.findings)
-    )
+    return replace(control, placed=placed, points=points, findings=(*control.findings, *gcp.findings, *placed.findings))
 
 
 def _with_geo(control: Control, geo: GeoFile, limits: Thresholds) -> Control:

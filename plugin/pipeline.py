@@ -236,7 +236,13 @@ def _produce(
         placed.extend(_prove(group, inspection, folder, copies, progress, cancel))
     placed = _apart(placed)
     written = place(
-        placed, inspection.survey, copies, inspection.control, settings, inspection.assessed.plan, folder.folder("result")
+        placed,
+        inspection.survey,
+        copies,
+        inspection.control,
+        settings,
+        inspection.assessed.plan,
+        folder.folder("result"),
     )
     survey = replace(
         inspection.survey,
@@ -295,7 +301,9 @@ def _harmonize(
     keep = set(wanted)
     plan = inspection.assessed.plan
     actions = tuple(
-        replace(a, frames=tuple(p for p in a.frames if p in keep)) for a in plan.actions if any(p in keep for p in a.frames)
+        replace(a, frames=tuple(p for p in a.frames if p in keep))
+        for a in plan.actions
+        if any(p in keep for p in a.frames)
     )
     done, failed = apply(
         replace(plan, actions=actions),

@@ -84,7 +84,9 @@ def frames_of(item: Placed, survey: Survey) -> Tuple[str, ...]:
     captures = {(at[p].payload, at[p].capture) for p in seen}
     rigs = {p.id for p in survey.payloads if len(p.profiles) > 1}
     return tuple(
-        p for p in item.group.frames if p in seen or (at[p].payload in rigs and (at[p].payload, at[p].capture) in captures)
+        p
+        for p in item.group.frames
+        if p in seen or (at[p].payload in rigs and (at[p].payload, at[p].capture) in captures)
     )
 
 

@@ -3,5 +3,7 @@
 import json
 import os
 
-with open(os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "manifest.json"), encoding="utf-8") as _stream:
+with open(
+    os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "manifest.json"), encoding="utf-8"
+) as _stream:
     VERSION = str(json.load(_stream)["version"])

@@ -129,7 +129,9 @@ def open_folder(out: Path, work: Optional[Path], inputs: "list[Path]", resume: b
         probe.write_bytes(b"")
         probe.unlink()
     except OSError as error:
-        raise UsageError(f"Cannot write to the output folder {out}: {error.strerror}. Choose another folder.") from error
+        raise UsageError(
+            f"Cannot write to the output folder {out}: {error.strerror}. Choose another folder."
+        ) from error
     return WorkFolder(out=out, scratch=scratch, made_out=made)
 
 

@@ -69,9 +69,7 @@ def requests_for(survey: Survey, thresholds: Thresholds = DEFAULTS) -> List[Alig
     """The solver's requests for a survey as it is, pixels untouched."""
     from .assemble import groups_of, request_of
 
-    copies = {
-        f.path: HarmonizedFrame(f.path, f.path, f.name, f.width, f.height, 1.0, "linked") for f in survey.files
-    }
+    copies = {f.path: HarmonizedFrame(f.path, f.path, f.name, f.width, f.height, 1.0, "linked") for f in survey.files}
     return [request_of(group, survey, copies, thresholds) for group in groups_of(survey)]
 
 

@@ -22,7 +22,9 @@ def add_input(parser: argparse.ArgumentParser) -> None:
     """Arguments of verbs that read imagery."""
     parser.add_argument("paths", nargs="+", metavar="PATH", help="folders or image files")
     parser.add_argument("--calibration", metavar="FILE", help="your own calibration sheet (JSON or CSV); it wins")
-    parser.add_argument("--ground", type=float, metavar="METRES", help="ground altitude where relative altitude is missing")
+    parser.add_argument(
+        "--ground", type=float, metavar="METRES", help="ground altitude where relative altitude is missing"
+    )
     parser.add_argument(
         "--gsd-target", default="finest", metavar="finest|coarsest|CM", help="ground resolution to bring frames to"
     )

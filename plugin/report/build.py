@@ -23,6 +23,12 @@ from ..version import VERSION
 
 SCHEMA_VERSION = "1.0"
 
+_FRAME_FACTS = (
+    *("subproject", "output", "profile", "flight", "payload", "spectrum", "band", "capture", "make", "model", "serial"),
+    *("width", "height", "focal_mm", "focal_source", "sensor_width_mm", "sensor_width_source", "altitude_m"),
+    *("height_m", "height_source", "gsd_cm", "latitude", "longitude", "odm_camera_id"),
+)
+
 
 @dataclass(frozen=True)
 class SubProject:
@@ -205,11 +211,7 @@ def _frame(
 
 
 def _broken_frame(path: str, code: str) -> Dict[str, Any]:
-    nothing = dict.fromkeys(
-        "subproject output profile flight payload spectrum band capture make model serial width height focal_mm "
-        "focal_source sensor_width_mm sensor_width_source altitude_m height_m height_source gsd_cm latitude longitude "
-        "odm_camera_id".split()
-    )
+    nothing = dict.fromkeys(_FRAME_FACTS)
     return {"path": path, **nothing, "role": "broken", "reason": code}
 
 

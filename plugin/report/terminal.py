@@ -189,4 +189,5 @@ def _next(view: View, out: str) -> str:
     ready = [s["name"] for s in report["subprojects"] if s["route"] != "unproven"] or [
         s["name"] for s in report["subprojects"]
     ]
-    return f"{story.quoted(out + '/projects/' + ready[0] + '/sensorgate/odm.sh')} (docker) runs ODM; the same for each project"
+    script = story.quoted(f"{out}/projects/{ready[0]}/sensorgate/odm.sh")
+    return f"{script} (docker) runs ODM; the same for each project"

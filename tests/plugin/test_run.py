@@ -154,7 +154,7 @@ def test_an_unreadable_file_is_one_frame_lost(tiny, tmp_path):
     victim = sorted(p for p in folder.rglob("*") if p.is_file())[0]
     victim.chmod(0)
     report = pipeline.gate([str(folder)]).report
-    assert [f["code"] for f in report["findings"]][0] == "unreadable-file"
+    assert report["findings"][0]["code"] == "unreadable-file"
 
 
 def test_a_bad_file_among_good_ones_is_left_out_with_its_reason(tiny, tmp_path):
