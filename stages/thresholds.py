@@ -159,6 +159,9 @@ class Thresholds:
     band_min_share: float = _number(
         0.25, "ratio", "of control points that must agree: chance reaches a few hundredths inside the search radius"
     )
+    band_simpler_cost: float = _number(
+        0.05, "ratio", "residual that a model with fewer freedoms may cost: it bends less where there are no points"
+    )
     band_refine_gain_px: float = _number(
         0.1, "px", "gain on held-out points, median over captures, for which each capture gets its own homography"
     )
@@ -216,7 +219,10 @@ class Thresholds:
     )
     mixed_max_dim_px: int = _number(1600, "px", "longer side in the mixed rung: more detail for the hard pairs")
     align_max_features: int = _number(
-        4096, "features", "cap of the quick rung, largest scales first; exact matching then costs 0.15 s per pair"
+        3072,
+        "features",
+        "cap of the quick rung, largest scales first. Measured beside 4096 on 30 well-textured frames: 175 of 178 pairs "
+        "verified with both, both place all, matching 0.13 s per pair instead of 0.21",
     )
     mixed_peak_threshold: float = _number(0.003, "contrast", "mixed block: admits weaker extrema than COLMAP's 0.0067")
     mixed_max_features: int = _number(12000, "features", "mixed block")
@@ -231,6 +237,9 @@ class Thresholds:
     oblique_share: float = _number(0.1, "ratio of frames", "so many tilted views support a self-calibration")
     two_heights_ratio: float = _number(
         0.2, "ratio of height", "camera heights spread by this much separate the focal from the height"
+    )
+    camera_moved: float = _number(
+        0.001, "ratio", "another profile's camera that moved less leaves a candidate's trial as it was"
     )
     solved_focal_sigma: float = _number(3.0, "sigma", "solved focals this far apart, and 1 %, are two cameras")
     solved_focal_gap: float = _number(0.01, "ratio", "solved focals closer than this are one camera")
