@@ -72,11 +72,15 @@ class Outcome:
 
 
 def trials_for(camera: AlignCamera) -> Tuple[Trial, ...]:
-    """Return a profile's candidates: trusted focal or solved, times distortion none, known or solved."""
+    """Return a profile's candidates: its own focal or a solved one, times distortion none, known or solved.
+
+    A focal from an untrusted source is tried as well, because a weak block
+    solves a worse one; it is never locked.
+    """
     focals: List[Tuple[str, Optional[float]]] = [(SOLVED, None)]
-    trusted = focal_over_side(camera) if camera.intrinsics.focal_trusted else None
-    if trusted is not None:
-        focals.insert(0, (camera.intrinsics.focal_source, trusted))
+    known_focal = focal_over_side(camera)
+    if known_focal is not None:
+        focals.insert(0, (camera.intrinsics.focal_source, known_focal))
     bends: List[Tuple[str, Optional[Tuple[float, ...]]]] = [(NONE, STRAIGHT)]
     known = known_distortion(camera)
     if known is not None and any(known):
@@ -162,7 +166,7 @@ def choose(
     proven = bend != NONE or _known_straight(camera) or why_bend.startswith("bowing")
     free = [o for o in outcomes if o.trial.focal is None and o.trial.distortion is None]
     hold, why_hold = False, "left to be solved"
-    if fixed and proven:
+    if fixed and proven and camera.intrinsics.focal_trusted:
         hold, why_hold = True, "held"
         if free and _costs_gps(outcomes[chosen], free[0], limits):
             hold, why_hold = False, "not held: it costs GPS fit against the solved camera"

@@ -41,9 +41,14 @@ def calibrate(
     base = solution
     told: Dict[str, Tuple[Candidate, ...]] = {}
     decided: Dict[str, LockDecision] = {}
+    stood: Dict[str, Tuple[CameraSetting, ...]] = {}
     for lap in range(2 if len(order) > 1 else 1):
         for profile in order:
             check(cancel)
+            others = tuple(c for c in current if c.profile != profile)
+            if profile in stood and _alike(stood[profile], others, limits):
+                continue
+            stood[profile] = others
             camera = _main_camera(request, job, solution, profile)
             trials = trials_for(camera)
             variants = tuple(_variant(request, current, profile, t) for t in trials)
@@ -77,6 +82,15 @@ def calibrate(
         features=solution.features,
     )
     return final, tuple(c for p in sorted(told) for c in told[p]), tuple(decided[p] for p in sorted(decided))
+
+
+def _alike(before: Sequence[CameraSetting], now: Sequence[CameraSetting], limits: Thresholds) -> bool:
+    """Whether the other cameras stand as they stood: a second lap would find the same."""
+    for a, b in zip(before, now):
+        bend = max(abs(x - y) for x, y in zip(a.distortion, b.distortion))
+        if abs(a.focal_ratio / b.focal_ratio - 1.0) > limits.camera_moved or bend > limits.camera_moved:
+            return False
+    return True
 
 
 def as_mapped(request: AlignRequest, solution: Solution) -> Tuple[LockDecision, ...]:

@@ -27,6 +27,8 @@ Pair = Tuple[int, int]
 
 # Fewer matches than this say nothing of two views' geometry (COLMAP's own limit).
 VERIFIED = 15
+# Observations per image that an adjustment keeps.
+_ENOUGH = 400
 
 
 def solve(job: Job, folder: Path, cache: Path, step: Step) -> Solution:
@@ -55,6 +57,8 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
     for number, cameras in enumerate(task.variants, start=1):
         models = [pycolmap.Reconstruction(str(path)) for path in _stored(Path(task.models))]
         sigmas: Dict[int, float] = {}
+        for model in models:
+            _thin(model)
         for model in models:
             sigma = _adjust_model(pycolmap, model, cameras)
             sigmas = {**sigma, **sigmas}
@@ -178,6 +182,10 @@ def _map(pycolmap: Any, job: Job, features: Sequence[Features], verified: Dict[P
     options.extract_colors = False
     options.mapper.filter_max_reproj_error = job.settings.filter_max_reproj_error_px
     options.ba_refine_principal_point = False
+    # The verdict needs no polished model on the way; the calibration adjusts it to the end.
+    options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.3
+    options.ba_global_max_num_iterations, options.ba_global_max_refinements = 25, 2
+    options.ba_local_max_num_iterations, options.ba_local_max_refinements = 15, 1
     options.constant_cameras = {i + 1 for i, c in enumerate(job.cameras) if c.held}
     for name in ("structure_less_registration_fallback",):
         if hasattr(options, name):
@@ -348,6 +356,19 @@ def _adjust_model(pycolmap: Any, model: Any, cameras: Sequence[CameraSetting]) -
     adjuster.solve()
     model.update_point_3d_errors()
     return _focal_sigmas(pycolmap, model, cameras, adjuster) if options.refine_focal_length else {}
+
+
+def _thin(model: Any) -> None:
+    """Keep the longest tracks until every image has enough: adjustments cost by the point and gain by the track."""
+    count = dict.fromkeys(model.reg_image_ids(), 0)
+    order = sorted(model.points3D, key=lambda p: (-model.points3D[p].track.length(), p))
+    for point_id in order:
+        images = {e.image_id for e in model.points3D[point_id].track.elements}
+        if all(count[i] >= _ENOUGH for i in images):
+            model.delete_point3D(point_id)
+            continue
+        for image_id in images:
+            count[image_id] += 1
 
 
 def _focal_sigmas(pycolmap: Any, model: Any, cameras: Sequence[CameraSetting], adjuster: Any) -> Dict[int, float]:

@@ -34,30 +34,24 @@ def match(left: Descriptors, right: Descriptors, max_ratio: float) -> Matches:
     """
     if len(left) == 0 or len(right) < 2:
         return np.zeros((0, 2), dtype=np.uint32)
-    best_left = np.full(len(right), -2.0, dtype=np.float32)
-    owner = np.full(len(right), -1, dtype=np.int64)
+    best = np.full(len(right), -2.0, dtype=np.float32)
+    first = np.empty(len(left), dtype=np.float32)
+    second = np.empty(len(left), dtype=np.float32)
     nearest = np.empty(len(left), dtype=np.int64)
-    accepted = np.zeros(len(left), dtype=bool)
-    columns = np.arange(len(right))
     for start in range(0, len(left), _BLOCK):
         likeness = left[start : start + _BLOCK] @ right.T
         rows = np.arange(len(likeness))
+        stop = start + len(rows)
+        np.maximum(best, likeness.max(axis=0), out=best)
         top = likeness.argmax(axis=1)
-        first = likeness[rows, top]
-        block_owner = likeness.argmax(axis=0)
-        block_best = likeness[block_owner, columns]
-        better = block_best > best_left
-        best_left[better] = block_best[better]
-        owner[better] = block_owner[better] + start
+        nearest[start:stop] = top
+        first[start:stop] = likeness[rows, top]
         likeness[rows, top] = -2.0
-        second = likeness.max(axis=1)
-        angle = np.arccos(np.clip(first, -1.0, 1.0))
-        accepted[start : start + len(rows)] = (angle < max_ratio * np.arccos(np.clip(second, -1.0, 1.0))) & (
-            angle < _MAX_ANGLE
-        )
-        nearest[start : start + len(rows)] = top
-    index = np.arange(len(left))
-    keep = np.nonzero(accepted & (owner[nearest] == index))[0]
+        second[start:stop] = likeness.max(axis=1)
+    angle = np.arccos(np.clip(first, -1.0, 1.0))
+    distinct = angle < max_ratio * np.arccos(np.clip(second, -1.0, 1.0))
+    # A row that reaches its partner's best likeness is that partner's nearest: no second search is needed.
+    keep = np.nonzero(distinct & (angle < _MAX_ANGLE) & (first >= best[nearest]))[0]
     return np.stack([keep, nearest[keep]], axis=1).astype(np.uint32)
 
 
