@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ..stages.assemble import Group, groups_of, left_out, request_of
 from ..stages.errors import BlockedError, MissingDependency, SensorgateError
 from ..stages.finding import Finding, sort_key
 from ..stages.frame import BrokenFrame
-from ..stages.gate import BLOCKED, GateReport, assess, verdict_of
+from ..stages.gate import BLOCKED
 from ..stages.harmonize.model import HarmonizedFrame
 from ..stages.progress import Cancel, Progress, check
-from ..stages.read import scan
 from ..stages.record import dumps, to_plain, write_text
-from ..stages.sensors import load_sheet
-from ..stages.survey import Survey, build
-from ..stages.thresholds import DEFAULTS, Thresholds
-from .control import Control, read_control
-from .odm.camera_id import camera_id
-from .odm.names import output_names
-from .odm.predict import Prediction, predict
+from ..stages.survey import Survey
+from .inspection import DEFAULT_SETTINGS, Inspection, Settings, inspect
+from .odm.names import mask_name, output_names
 from .placing import Placed, place, without_alignment
 from .report import build as reporting
 from .workfolder import WorkFolder, disk_errors, open_folder
@@ -32,82 +26,11 @@ LOG = logging.getLogger("sensorgate.pipeline")
 
 
 @dataclass(frozen=True)
-class Settings:
-    """Everything that decides the outcome besides the imagery; echoed in ``plan.json``."""
-
-    thresholds: Thresholds = DEFAULTS
-    calibration: Optional[str] = None
-    ground_m: Optional[float] = None
-    gsd_target: Union[str, float] = "finest"
-    gcp: Optional[str] = None
-    force_gcp: bool = False
-    geo: Optional[str] = None
-    engine: str = "pycolmap"
-    max_dim: Optional[int] = None
-    align: bool = True
-
-    def options(self) -> Dict[str, Any]:
-        """The arguments that differ from their default, thresholds apart."""
-        return {
-            f.name: getattr(self, f.name)
-            for f in dataclasses.fields(self)
-            if f.name != "thresholds" and getattr(self, f.name) != f.default
-        }
-
-
-@dataclass(frozen=True)
 class Result:
     """What a verb returns: the report in the shape of ``report.schema.json``, and the exit code."""
 
     report: Dict[str, Any]
     exit_code: int
-
-
-@dataclass(frozen=True)
-class Inspection:
-    """The survey with all that is known before any pixel moves."""
-
-    paths: Tuple[str, ...]
-    settings: Settings
-    survey: Survey
-    assessed: GateReport
-    prediction: Prediction
-    control: Control
-
-    @property
-    def findings(self) -> Tuple[Finding, ...]:
-        """Ours and what ODM would say, worst first."""
-        return tuple(sorted([*self.assessed.findings, *self.prediction.findings, *self.control.findings], key=sort_key))
-
-    @property
-    def verdict(self) -> str:
-        """The verdict with ODM's part in it."""
-        if self.assessed.verdict == BLOCKED:
-            return BLOCKED
-        return verdict_of(self.findings, sum(1 for f in self.survey.frames if f.excluded is None))
-
-
-def inspect(
-    paths: Sequence[str],
-    settings: Settings = Settings(),
-    *,
-    progress: Optional[Progress] = None,
-    cancel: Optional[Cancel] = None,
-) -> Inspection:
-    """Read, group and assess; nothing is written."""
-    found = scan(list(paths), progress=progress, cancel=cancel, limits=settings.thresholds)
-    control = read_control(settings.gcp, settings.geo, found.frames, settings.thresholds)
-    survey = build(
-        replace(found, frames=control.frames),
-        load_sheet(settings.calibration, settings.thresholds),
-        settings.thresholds,
-        ground_m=settings.ground_m,
-    )
-    assessed = assess(survey, settings.thresholds, gsd_target=settings.gsd_target)
-    files = survey.file_of()
-    present = [files[f.path] for f in survey.frames]
-    prediction = predict(present, {f.path: f.profile for f in survey.frames}, survey.profiles, settings.thresholds)
-    return Inspection(tuple(paths), settings, survey, assessed, prediction, control)
 
 
 def _report(
@@ -131,7 +54,7 @@ def _report(
 
 def gate(
     paths: Sequence[str],
-    settings: Settings = Settings(),
+    settings: Settings = DEFAULT_SETTINGS,
     *,
     progress: Optional[Progress] = None,
     cancel: Optional[Cancel] = None,
@@ -145,7 +68,7 @@ def gate(
 def run(
     paths: Sequence[str],
     out: Path,
-    settings: Settings = Settings(),
+    settings: Settings = DEFAULT_SETTINGS,
     *,
     work: Optional[Path] = None,
     resume: bool = False,
@@ -167,7 +90,7 @@ def run(
             inspection = inspect(paths, settings, progress=progress, cancel=cancel)
             if inspection.verdict == BLOCKED:
                 raise BlockedError(blocked_message(inspection))
-            folder.begin(reporting.digest_of(inspection.survey, _identity(settings)), resume)
+            folder.begin(reporting.digest_of(inspection.survey, settings.identity()), resume)
             started = True
             report = _produce(inspection, folder, progress, cancel)
             folder.publish()
@@ -178,10 +101,6 @@ def run(
     clean = all(s["route"] == "proceed" for s in report["subprojects"])
     whole = all(f["subproject"] for f in report["frames"])
     return Result(report, 0 if clean and whole else 1)
-
-
-def _identity(settings: Settings) -> Dict[str, Any]:
-    return {**settings.options(), "thresholds": to_plain(settings.thresholds)}
 
 
 def require_solver(engine: str) -> None:
@@ -217,7 +136,7 @@ def blocked_message(inspection: Inspection) -> str:
 def _produce(
     inspection: Inspection, folder: WorkFolder, progress: Optional[Progress], cancel: Optional[Cancel]
 ) -> Dict[str, Any]:
-    settings, survey = inspection.settings, inspection.survey
+    survey = inspection.survey
     dropped = left_out(survey)
     groups = groups_of(survey)
     wanted = sorted(path for group in groups for path in group.frames)
@@ -235,15 +154,7 @@ def _produce(
         check(cancel)
         placed.extend(_prove(group, inspection, folder, copies, progress, cancel))
     placed = _apart(placed)
-    written = place(
-        placed,
-        inspection.survey,
-        copies,
-        inspection.control,
-        settings,
-        inspection.assessed.plan,
-        folder.folder("result"),
-    )
+    written = place(placed, inspection, copies, folder.folder("result"))
     survey = replace(
         inspection.survey,
         frames=tuple(replace(f, excluded=dropped.get(f.path, f.excluded)) for f in inspection.survey.frames),
@@ -312,6 +223,11 @@ def _harmonize(
         {path: images / names[path] for path in wanted},
         thresholds=inspection.settings.thresholds,
         journal=folder.scratch / "harmonized.json",
+        masks={
+            path: (Path(mask), images / mask_name(names[path], Path(mask).name))
+            for path, mask in inspection.masks.items()
+            if path in keep
+        },
         progress=progress,
         cancel=cancel,
     )
@@ -459,4 +375,4 @@ def plan_record(report: Mapping[str, Any], inspection: Inspection) -> Dict[str, 
     }
 
 
-__all__ = ["Inspection", "Result", "Settings", "camera_id", "gate", "inspect", "plan_record", "run"]
+__all__ = ["Inspection", "Result", "Settings", "gate", "inspect", "plan_record", "run"]

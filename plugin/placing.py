@@ -12,20 +12,22 @@ from ..stages.align.model import AlignmentReport
 from ..stages.assemble import Group, primary_of
 from ..stages.errors import SensorgateError
 from ..stages.finding import Finding
+from ..stages.flights import PANEL
 from ..stages.gate import is_rtk_fixed
 from ..stages.grouping import slug
-from ..stages.harmonize.model import HarmonizedFrame, HarmonizePlan
+from ..stages.harmonize.model import HarmonizedFrame
 from ..stages.intrinsics import SOURCES, Intrinsics
-from ..stages.profile import MULTISPECTRAL, CameraProfile
+from ..stages.profile import CameraProfile
 from ..stages.read import read_frame
 from ..stages.record import to_plain
 from ..stages.route import ProvenGroup
 from ..stages.survey import Survey
-from .control import Control
+from .inspection import Inspection
 from .odm.camera_id import camera_id, file_key
 from .odm.cameras import CalibrationPlan, CameraDecision, ProjectFrame, calibration_for, decision_from_intrinsics
+from .odm.names import mask_name
 from .odm.options import OptionNeeds, as_node_options, options_for
-from .odm.project import write_project
+from .odm.project import OURS, write_project
 from .report.build import SubProject, Written, pair_medians
 
 
@@ -129,13 +131,7 @@ def _link(source: Path, target: Path) -> None:
 
 
 def place(
-    placed: Sequence[Placed],
-    survey: Survey,
-    copies: Mapping[str, HarmonizedFrame],
-    control: Control,
-    settings: Any,
-    plan: HarmonizePlan,
-    result: Path,
+    placed: Sequence[Placed], inspection: Inspection, copies: Mapping[str, HarmonizedFrame], result: Path
 ) -> Placing:
     """Write every project into ``result/projects``; what an earlier try left there is replaced."""
     root = result / "projects"
@@ -147,67 +143,85 @@ def place(
     outputs: Dict[str, str] = {}
     locks: Dict[str, Tuple[bool, str]] = {}
     for name, item in zip(project_names(ordered), ordered):
-        project, said = _write_one(name, item, survey, copies, control, settings, plan, root / name, outputs, locks)
+        paths = frames_of(item, inspection.survey)
+        if not paths:
+            raise SensorgateError(f"The project {name} would have no frame. Please report this.")
+        _fill_images(root / name / "images", paths, copies, inspection.masks)
+        outputs.update({p: f"projects/{name}/images/{copies[p].name}" for p in paths})
+        project, said, held = _decide(name, item, paths, inspection, copies, root / name)
+        _keep_panels(root / name, project.payloads, inspection.survey)
         projects.append(project)
         findings.extend(said)
+        locks.update(held)
     record = Written(tuple(projects), outputs, {p: copies[p] for p in outputs}, locks)
     return Placing(record, tuple(findings))
 
 
-def _write_one(
-    name: str,
-    item: Placed,
-    survey: Survey,
-    copies: Mapping[str, HarmonizedFrame],
-    control: Control,
-    settings: Any,
-    plan: HarmonizePlan,
-    folder: Path,
-    outputs: Dict[str, str],
-    locks: Dict[str, Tuple[bool, str]],
-) -> Tuple[SubProject, List[Finding]]:
-    paths = frames_of(item, survey)
-    if not paths:
-        raise SensorgateError(f"The project {name} would have no frame. Please report this.")
-    images = folder / "images"
+def _fill_images(
+    images: Path, paths: Sequence[str], copies: Mapping[str, HarmonizedFrame], masks: Mapping[str, str]
+) -> None:
+    """Link the harmonized frames and their masks into the project."""
     images.mkdir(parents=True)
-    at = {f.path: f for f in survey.frames}
-    primaries = {p.id: primary_of(survey, p) for p in survey.payloads}
-    headers: List[ProjectFrame] = []
     for path in paths:
         copy = copies[path]
-        target = images / copy.name
-        _link(Path(copy.file), target)
-        outputs[path] = f"projects/{name}/images/{copy.name}"
-        where = at[path]
-        headers.append(ProjectFrame(read_frame(target, path), where.profile, where.profile == primaries[where.payload]))
+        _link(Path(copy.file), images / copy.name)
+        if path in masks:
+            name = mask_name(copy.name, Path(masks[path]).name)
+            _link(Path(copy.file).with_name(name), images / name)
+
+
+def _keep_panels(folder: Path, payloads: Sequence[str], survey: Survey) -> None:
+    """Put the calibration panel captures of a project's payloads beside it, for who wants reflectance."""
+    for frame in survey.frames:
+        if frame.role == PANEL and frame.payload in payloads:
+            shelf = folder / OURS / "panels"
+            shelf.mkdir(parents=True, exist_ok=True)
+            target = shelf / f"{slug(frame.flight)}_{Path(frame.path).name}"
+            if not target.exists():
+                _link(Path(frame.path), target)
+
+
+def _decide(
+    name: str,
+    item: Placed,
+    paths: Sequence[str],
+    inspection: Inspection,
+    copies: Mapping[str, HarmonizedFrame],
+    folder: Path,
+) -> Tuple[SubProject, List[Finding], Dict[str, Tuple[bool, str]]]:
+    """Decide calibration, ground control and options of one project and write them."""
+    survey, settings = inspection.survey, inspection.settings
+    at = {f.path: f for f in survey.frames}
+    primaries = {primary_of(survey, p) for p in survey.payloads}
+    headers = [
+        ProjectFrame(read_frame(folder / "images" / copies[p].name, p), at[p].profile, at[p].profile in primaries)
+        for p in paths
+    ]
     used = {at[p].profile for p in paths}
     profiles = [p for p in survey.profiles if p.id in used]
     decisions = _decisions(item.proven, profiles)
     # Bands beside the primary take its pose and camera over in ODM; only the primary's camera is solved.
     solver = [h for h in headers if h.primary]
-    calibration = calibration_for(solver, decisions, settings.thresholds)
     solved = {h.profile for h in solver}
-    ground = control.for_project(
-        name, paths, copies, survey, settings.thresholds, primary={h.frame.path for h in headers if h.primary}
+    calibration = calibration_for(solver, decisions, settings.thresholds)
+    ground = inspection.control.for_project(
+        name, paths, copies, survey, settings.thresholds, primary={h.frame.path for h in solver}
     )
-    changed = any(a.radiometric_none for a in plan.actions if set(a.frames) & set(paths))
+    own = set(paths)
+    fixed = all(is_rtk_fixed(h.frame.rtk_flag) for h in headers)
     needs = OptionNeeds(
         lock=calibration.lock,
         cameras_cover_all=calibration.covers_all,
         # No solver figure may stand in odm.sh: it is equal byte for byte between runs.
         lock_reason="; ".join(sorted({d.reason for p, d in decisions.items() if d.lock and p in solved})),
-        radiometry_changed=changed,
+        radiometry_changed=any(a.radiometric_none and own & set(a.frames) for a in inspection.assessed.plan.actions),
         has_gcp=ground.gcp_text is not None,
         force_gcp=settings.force_gcp,
-        keep_gps=ground.gcp_text is not None
-        and not settings.force_gcp
-        and all(is_rtk_fixed(h.frame.rtk_flag) for h in headers),
+        keep_gps=ground.gcp_text is not None and not settings.force_gcp and fixed,
         gps_accuracy_m=ground.accuracy_m,
         geo_has_accuracies=ground.geo_text is not None,
     )
     options = options_for(needs)
-    spectrum = MULTISPECTRAL if any(at[p].spectrum == MULTISPECTRAL for p in paths) else item.group.spectrum
     alignment = _alignment(item.proven, survey)
     write_project(
         folder,
@@ -218,13 +232,11 @@ def _write_one(
         alignment=alignment,
         notes=(f"route: {item.proven.route}",),
     )
-    for profile in profiles:
-        held = calibration.lock
-        locks[profile.id] = (held, decisions[profile.id].reason or ("" if held else "no trusted calibration to hold"))
+    unheld = "no trusted calibration to hold" if not calibration.lock else ""
     record = SubProject(
         name=name,
-        spectrum=spectrum,
-        frames=paths,
+        spectrum=item.group.spectrum,
+        frames=tuple(paths),
         payloads=tuple(sorted({at[p].payload for p in paths})),
         route=item.proven.route,
         reasons=item.proven.reasons,
@@ -233,7 +245,8 @@ def _write_one(
         gcp={"points": ground.gcp_points, "images": ground.gcp_images} if ground.gcp_text else None,
         calibration=_calibration_rows(solver, decisions, calibration),
     )
-    return record, [*calibration.findings, *ground.findings]
+    locks = {p.id: (calibration.lock and p.id in solved, decisions[p.id].reason or unheld) for p in profiles}
+    return record, [*calibration.findings, *ground.findings], locks
 
 
 def _calibration_rows(

@@ -169,6 +169,20 @@ def test_a_bad_file_among_good_ones_is_left_out_with_its_reason(tiny, tmp_path):
     assert result.exit_code == 1
 
 
+def test_masks_follow_their_frames(tiny, tmp_path):
+    from PIL import Image
+
+    folder = tmp_path / "in"
+    shutil.copytree(tiny.survey / "images", folder)
+    frame = sorted(p for p in folder.rglob("*") if p.is_file())[0]
+    with Image.open(frame) as picture:
+        Image.new("L", picture.size, 255).save(frame.with_name(f"{frame.stem}_mask.png"))
+    result = pipeline.run([str(folder)], tmp_path / "out", pipeline.Settings(align=False))
+    assert result.report["ignored"]["masks"] == 1
+    home = next(f["output"] for f in result.report["frames"] if f["path"].endswith("/" + frame.name))
+    assert (tmp_path / "out" / home).with_name(f"{frame.stem}_mask.png").is_file()
+
+
 def test_without_the_solver_the_job_says_so_before_it_starts(tiny, tmp_path, monkeypatch):
     import importlib.util
 

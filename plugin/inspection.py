@@ -1,0 +1,98 @@
+"""What is known of imagery before any pixel moves: settings in, survey, verdict and prediction out."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field, replace
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Union
+
+from ..stages.finding import Finding, sort_key
+from ..stages.gate import BLOCKED, GateReport, assess, verdict_of
+from ..stages.progress import Cancel, Progress
+from ..stages.read import scan
+from ..stages.record import to_plain
+from ..stages.sensors import load_sheet
+from ..stages.survey import Survey, build
+from ..stages.thresholds import DEFAULTS, Thresholds
+from .control import Control, read_control
+from .odm.masks import split_masks
+from .odm.predict import Prediction, predict
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that decides the outcome besides the imagery; echoed in ``plan.json``."""
+
+    thresholds: Thresholds = DEFAULTS
+    calibration: Optional[str] = None
+    ground_m: Optional[float] = None
+    gsd_target: Union[str, float] = "finest"
+    gcp: Optional[str] = None
+    force_gcp: bool = False
+    geo: Optional[str] = None
+    engine: str = "pycolmap"
+    max_dim: Optional[int] = None
+    align: bool = True
+
+    def identity(self) -> Dict[str, Any]:
+        """Everything that decides, thresholds too; two runs with equal inputs and identity give equal bytes."""
+        return {**self.options(), "thresholds": to_plain(self.thresholds)}
+
+    def options(self) -> Dict[str, Any]:
+        """The arguments that differ from their default, thresholds apart."""
+        return {
+            f.name: getattr(self, f.name)
+            for f in dataclasses.fields(self)
+            if f.name != "thresholds" and getattr(self, f.name) != f.default
+        }
+
+
+DEFAULT_SETTINGS = Settings()
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """The survey with all that is known before any pixel moves. ``masks`` is frame path -> mask path."""
+
+    paths: Tuple[str, ...]
+    settings: Settings
+    survey: Survey
+    assessed: GateReport
+    prediction: Prediction
+    control: Control
+    masks: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def findings(self) -> Tuple[Finding, ...]:
+        """Ours and what ODM would say, worst first."""
+        return tuple(sorted([*self.assessed.findings, *self.prediction.findings, *self.control.findings], key=sort_key))
+
+    @property
+    def verdict(self) -> str:
+        """The verdict with ODM's part in it."""
+        if self.assessed.verdict == BLOCKED:
+            return BLOCKED
+        return verdict_of(self.findings, sum(1 for f in self.survey.frames if f.excluded is None))
+
+
+def inspect(
+    paths: Sequence[str],
+    settings: Settings = DEFAULT_SETTINGS,
+    *,
+    progress: Optional[Progress] = None,
+    cancel: Optional[Cancel] = None,
+) -> Inspection:
+    """Read, group and assess; nothing is written."""
+    found, masks = split_masks(scan(list(paths), progress=progress, cancel=cancel, limits=settings.thresholds))
+    control = read_control(settings.gcp, settings.geo, found.frames, settings.thresholds)
+    survey = build(
+        replace(found, frames=control.frames),
+        load_sheet(settings.calibration, settings.thresholds),
+        settings.thresholds,
+        ground_m=settings.ground_m,
+    )
+    assessed = assess(survey, settings.thresholds, gsd_target=settings.gsd_target)
+    files = survey.file_of()
+    present = [files[f.path] for f in survey.frames]
+    prediction = predict(present, {f.path: f.profile for f in survey.frames}, survey.profiles, settings.thresholds)
+    return Inspection(tuple(paths), settings, survey, assessed, prediction, control, masks)
