@@ -140,6 +140,7 @@ class Thresholds:
     )
     band_aligned_px: float = _number(0.5, "px", "bands nearer than this everywhere were aligned before: left alone")
     band_captures: int = _number(30, "captures", "sampled per height bin; more do not move a homography of thousands of points")
+    band_check_captures: int = _number(4, "captures", "of the sample, in which features are matched too, to cross-check")
     band_height_bin: float = _number(
         0.10, "ratio of height", "one homography per bin: parallax of a rig changes by less than a pixel inside it"
     )

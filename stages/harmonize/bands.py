@@ -18,7 +18,7 @@ from ..progress import Cancel, Progress
 from ..record import to_plain
 from ..thresholds import Thresholds
 from .bands_findings import rig_findings, unused_points
-from .bands_fit import CapturePoints, Fitted, Lenses, errors_px, fit, fit_user_points, passes
+from .bands_fit import CapturePoints, Fitted, Lenses, cross_checked, errors_px, fit, fit_user_points, passes
 from .bands_group import BandOptics, HeightBin, RigCapture, band_optics, height_bins, rig_captures, sample
 from .bands_lens import Lens, Points, lens_of
 from .bands_model import (
@@ -35,7 +35,7 @@ from .bands_model import (
 )
 from .bands_pool import run_jobs
 from .bands_radiometry import can_be_applied
-from .bands_work import MEASURE
+from .bands_work import ALWAYS, FALLBACK, MEASURE, NEVER
 from .control_points import ControlPair
 from .resample import missing_opencv
 
@@ -175,9 +175,9 @@ def _measure(
     jobs: List[Dict[str, Any]] = []
     for rig in rigs:
         for height_bin in rig.bins:
-            for capture in sample(height_bin.captures, int(limits.band_captures)):
+            for count, capture in enumerate(sample(height_bin.captures, int(limits.band_captures))):
                 bands = [
-                    _measure_band(rig, profile, frame, sources)
+                    _measure_band(rig, profile, frame, sources, count < limits.band_check_captures)
                     for profile, frame in capture.bands
                     if (rig.payload.id, profile) not in user
                 ]
@@ -198,14 +198,16 @@ def _measure(
     return found
 
 
-def _measure_band(rig: _Rig, profile: str, frame: SurveyFrame, sources: Mapping[str, PathLike]) -> Dict[str, Any]:
+def _measure_band(
+    rig: _Rig, profile: str, frame: SurveyFrame, sources: Mapping[str, PathLike], check: bool
+) -> Dict[str, Any]:
     optics = rig.optics[profile]
     return {
         "path": frame.path,
         "source": str(sources[frame.path]),
         "lens": to_plain(optics.lens),
         "prior": [float(v) for v in rig.prior(profile).ravel()],
-        "descriptors": optics.descriptors,
+        "descriptors": (ALWAYS if check else FALLBACK) if optics.descriptors else NEVER,
     }
 
 
@@ -257,6 +259,7 @@ def _filled(empty: BandFit, fitted: Fitted, source: str, state: str, reason: str
         control_points=fitted.control_points,
         inliers=fitted.inliers,
         held_out=fitted.held_out,
+        cross_check=fitted.cross_check,
         plain_homography=fitted.plain_homography,
         refine=fitted.refine,
         sampled=fitted.captures,
@@ -298,11 +301,14 @@ def _by_points(
     empty = _empty(rig, profile, height_bin, captures, "too few control points were found")
     optics = rig.optics[profile]
     tried: List[Tuple[str, Fitted]] = []
-    for source in (FEATURES, AREA):
-        points = _capture_points(captures, profile, measured, source)
-        fitted = fit(points, rig.primary_lens, optics.lens, optics.rigs, limits)
+    points = {source: _capture_points(captures, profile, measured, source) for source in (AREA, FEATURES)}
+    for source, found in points.items():
+        fitted = fit(found, rig.primary_lens, optics.lens, optics.rigs, limits)
         if fitted is not None:
             tried.append((source, fitted))
+    if len(tried) == 2 and all(passes(f, limits, residuals=False) for _, f in tried):
+        others = (points[FEATURES], points[AREA])
+        tried = [(s, cross_checked(f, other, limits)) for (s, f), other in zip(tried, others)]
     proven = [(s, f) for s, f in tried if passes(f, limits)]
     if proven:
         source, best = min(proven, key=lambda item: item[1].held_out.p95_px if item[1].held_out else math.inf)

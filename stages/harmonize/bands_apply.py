@@ -19,6 +19,7 @@ from .bands_group import band_optics
 from .bands_lens import lens_of
 from .bands_model import APPLIED, WARP, BandFit, BandPlan
 from .bands_pool import run_jobs
+from .bands_work import ALWAYS, NEVER
 from .bands_work import WARP as WARP_JOB
 from .files import OutputError
 from .model import FlightAction, HarmonizedFrame
@@ -130,7 +131,7 @@ def _job(
         "points": fitted.source,
         "measure_lenses": measured if fitted.refine else [],
         "prior": [float(v) for v in prior.ravel()] if fitted.refine else [],
-        "descriptors": optics.descriptors,
+        "descriptors": ALWAYS if fitted.source == "features" else NEVER,
     }
 
 

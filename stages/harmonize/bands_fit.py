@@ -65,6 +65,7 @@ class Fitted:
     captures: Tuple[CaptureFit, ...]
     refine: bool = False
     identity: bool = False
+    cross_check: Optional[Residual] = None
 
 
 def lens_choices(primary: Lens, band: Lens) -> Tuple[Lenses, ...]:
@@ -189,7 +190,21 @@ def passes(fitted: Fitted, limits: Thresholds, *, residuals: bool = True) -> boo
     held = fitted.held_out
     if held is None or held.points < limits.band_min_held:
         return False
-    return not residuals or (held.median_px <= limits.band_median_px and held.p95_px <= limits.band_p95_px)
+    if not residuals:
+        return True
+    if fitted.cross_check is not None and fitted.cross_check.median_px > limits.band_median_px:
+        return False
+    return held.median_px <= limits.band_median_px and held.p95_px <= limits.band_p95_px
+
+
+def cross_checked(fitted: Fitted, other: Sequence[CapturePoints], limits: Thresholds) -> Fitted:
+    """Add the residual on control points of the other kind, none of which the fit has seen."""
+    strange = {c.frame for c in fitted.captures if c.mismatch}
+    points = [c.points for c in other if len(c.points) and c.frame not in strange]
+    if not points:
+        return fitted
+    seen = residual(errors_px(fitted.matrix, fitted.lenses, np.vstack(points)), limits)
+    return replace(fitted, cross_check=seen if seen is not None and seen.points >= limits.band_min_held else None)
 
 
 def _fit_once(

@@ -26,6 +26,7 @@ _STEPS = 40
 _CLOSE = 1e-10
 _NEWTON_STEPS = 12
 _RIGHT_ANGLE = math.pi / 2.0
+_NODE_PX = 8
 
 
 @dataclass(frozen=True)
@@ -190,3 +191,26 @@ def rig_matrix(
     if primary is None or band is None or not (any(primary) or any(band)):
         return None
     return np.asarray(rotation(primary).T @ rotation(band))
+
+
+def sample_places(primary: Lens, band: Lens, matrix: Any) -> Points:
+    """Where in the band each pixel of the primary's grid lies, (h, w, 2).
+
+    ``distort_band(H(undistort_primary(pixel)))`` at every eighth pixel, in
+    between linear: lenses bend by less than a thousandth of a pixel over eight.
+    """
+    columns = np.arange(0, primary.width + _NODE_PX, _NODE_PX, dtype=np.float64)
+    rows = np.arange(0, primary.height + _NODE_PX, _NODE_PX, dtype=np.float64)
+    nodes = np.stack(np.meshgrid(columns, rows), axis=-1)
+    there = np.nan_to_num(band.to_pixels(project(matrix, primary.to_rays(nodes))), nan=-1e6)
+    across, down = _weights(primary.width, len(columns)), _weights(primary.height, len(rows))
+    return np.stack([down @ there[..., i] @ across.T for i in (0, 1)], axis=-1)
+
+
+def _weights(count: int, nodes: int) -> Points:
+    at = np.arange(count) / _NODE_PX
+    low = np.minimum(at.astype(np.int64), nodes - 2)
+    weights = np.zeros((count, nodes))
+    weights[np.arange(count), low] = 1.0 - (at - low)
+    weights[np.arange(count), low + 1] = at - low
+    return weights

@@ -52,7 +52,8 @@ class BandFit:
     ``model`` is ``homography``, ``affine`` or ``rig``; ``source`` is
     ``control-points``, ``features``, ``area`` or ``neighbour`` (borrowed from
     the next height bin). ``held_out`` is measured on points that the fit did
-    not see, ``plain_homography`` on the same kind of points for one homography
+    not see, ``cross_check`` on all control points of the other kind (features
+    for ``area`` and the reverse), ``plain_homography`` on the same kind of points for one homography
     between raw pixels. ``low_m`` and ``high_m`` are the bin's heights above
     ground, ``None`` where they are unknown.
     """
@@ -75,6 +76,7 @@ class BandFit:
     control_points: int = 0
     inliers: int = 0
     held_out: Optional[Residual] = None
+    cross_check: Optional[Residual] = None
     plain_homography: Optional[Residual] = None
     refine: bool = False
     sampled: Tuple[CaptureFit, ...] = ()

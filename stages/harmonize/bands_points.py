@@ -9,19 +9,25 @@ References: Lowe 2004; Arandjelovic and Zisserman 2012 (root of the descriptor).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, List, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..thresholds import Thresholds
-from .bands_lens import Lens, Points, project, scaled
+from .bands_fit import HOMOGRAPHY, Lenses, errors_px, solve
+from .bands_lens import Lens, Points, project, sample_places, scaled
+from .bands_model import CALIBRATED
 from .resample import opencv, resize
 
 Image = npt.NDArray[np.uint8]
 _STRETCH = (0.5, 99.5)
 _CONTRAST = 0.01
 _NEAR_PEAK_PX = 3
+_COARSEST = 4
+_COARSE_PX = 240
+_FINE_REACH_PX = 7
 
 
 def to_grey8(pixels: npt.NDArray[Any]) -> Image:
@@ -117,28 +123,57 @@ def feature_points(
 def area_points(primary: Image, band: Image, lenses: Tuple[Lens, Lens], prior: Any, limits: Thresholds) -> Points:
     """Windows of gradient magnitude that have one clear best place, as (n, 4) like ``feature_points``.
 
-    Both bands are brought to the coarser one's resolution; the primary is laid
-    over the band by the prior, and each window searches within
-    ``band_max_shift`` of it.
+    First at a fraction of the coarser band's resolution, each window searching
+    within ``band_max_shift`` of the prior; where those agree on one homography,
+    again at full resolution a few pixels around it. Where they do not, the
+    coarse points come back: they contradict each other, and that is told.
     """
-    cv2 = opencv()
     coarse = min(lens.focal_px for lens in lenses)
-    band_size = _size_at(lenses[1], coarse)
+    longest = max(max(lens.width, lens.height) * coarse / lens.focal_px for lens in lenses)
+    shrink = min(1.0, max(1.0 / _COARSEST, _COARSE_PX / longest))
+    reach = limits.band_max_shift * longest * shrink
+    tile = int(limits.band_area_tile_px)
+    found = _area_level(primary, band, lenses, prior, coarse * shrink, reach, tile // 2, limits)
+    if shrink == 1.0:
+        return found
+    pair = Lenses(*lenses, CALIBRATED)
+    start = solve(found, pair, HOMOGRAPHY, replace(limits, band_ransac_px=limits.band_ransac_px / shrink))
+    if start is None:
+        return found
+    agreeing = errors_px(start, pair, found) <= limits.band_ransac_px / shrink
+    if agreeing.sum() < max(limits.band_min_held, limits.band_min_share * len(found)):
+        return found
+    return _area_level(primary, band, lenses, start, coarse, _FINE_REACH_PX, tile, limits)
+
+
+def _area_level(
+    primary: Image,
+    band: Image,
+    lenses: Tuple[Lens, Lens],
+    prior: Any,
+    focal_px: float,
+    reach_px: float,
+    stride: int,
+    limits: Thresholds,
+) -> Points:
+    """One resolution: the primary laid over the band by ``prior``, then compared window by window."""
+    cv2 = opencv()
+    band_size = _size_at(lenses[1], focal_px)
     target = scaled(lenses[1], band_size)
     band_small = resize(band, band_size)
-    at = np.stack(np.meshgrid(np.arange(band_size[0]), np.arange(band_size[1])), axis=-1).astype(np.float64)
+    small_lens = scaled(lenses[0], _size_at(lenses[0], focal_px))
     back = np.linalg.inv(np.asarray(prior, np.float64).reshape(3, 3))
-    small_lens = scaled(lenses[0], _size_at(lenses[0], coarse))
-    source = small_lens.to_pixels(project(back, target.to_rays(at)))
-    seen = np.isfinite(source).all(axis=-1)
-    place = np.nan_to_num(source, nan=-10.0).astype(np.float32)
+    source = sample_places(target, small_lens, back)
     laid = cv2.remap(
-        resize(primary, (small_lens.width, small_lens.height)), place[..., 0], place[..., 1], cv2.INTER_LINEAR
+        resize(primary, (small_lens.width, small_lens.height)),
+        source[..., 0].astype(np.float32),
+        source[..., 1].astype(np.float32),
+        cv2.INTER_LINEAR,
     )
-    seen &= (source[..., 0] >= 0) & (source[..., 0] <= small_lens.width - 1)
+    seen = (source[..., 0] >= 0) & (source[..., 0] <= small_lens.width - 1)
     seen &= (source[..., 1] >= 0) & (source[..., 1] <= small_lens.height - 1)
     inner = cv2.erode(seen.astype(np.uint8), np.ones((7, 7), np.uint8), borderValue=0).astype(bool)
-    found = _windows(_edges(laid), _edges(band_small), inner, limits)
+    found = _windows(_edges(laid), _edges(band_small), inner, max(4, round(reach_px)), stride, limits)
     if not found:
         return np.empty((0, 4))
     pairs = np.array(found)
@@ -164,16 +199,20 @@ def _edges(image: Image) -> npt.NDArray[np.float32]:
 
 
 def _windows(
-    template: npt.NDArray[np.float32], image: npt.NDArray[np.float32], seen: npt.NDArray[np.bool_], limits: Thresholds
+    template: npt.NDArray[np.float32],
+    image: npt.NDArray[np.float32],
+    seen: npt.NDArray[np.bool_],
+    reach: int,
+    stride: int,
+    limits: Thresholds,
 ) -> List[Tuple[float, float, float, float]]:
     """Each window's centre in the template and its best place in the image, both in pixels of the small frames."""
     cv2 = opencv()
     height, width = image.shape
     tile = min(int(limits.band_area_tile_px), height // 3, width // 3)
-    reach = max(4, round(limits.band_max_shift * max(width, height)))
     found: List[Tuple[float, float, float, float]] = []
-    for top in range(0, height - tile + 1, tile // 2):
-        for left in range(0, width - tile + 1, tile // 2):
+    for top in range(0, height - tile + 1, min(stride, tile)):
+        for left in range(0, width - tile + 1, min(stride, tile)):
             if not seen[top : top + tile, left : left + tile].all():
                 continue
             y0, x0 = max(0, top - reach), max(0, left - reach)

@@ -16,7 +16,7 @@ from ..record import from_plain
 from ..thresholds import Thresholds
 from . import jpeg, tiff
 from .bands_fit import Fitted, Lenses, better, errors_px, held_mask, own_matrix, residual
-from .bands_lens import Lens, Points, project, scaled
+from .bands_lens import Lens, Points, sample_places, scaled
 from .bands_points import area_points, feature_points, features, match_scales, to_grey8
 from .bands_radiometry import correction_of, neutralised
 from .exif import TagEdit
@@ -27,7 +27,7 @@ from .resample import blur_sigma, decode_jpeg, encode_jpeg, opencv
 # Raised whenever the same input would give other bytes than before.
 RECIPE = 1
 MEASURE, WARP = "measure", "warp"
-_NODE_PX = 8
+ALWAYS, FALLBACK, NEVER = "always", "fallback", "never"
 _REMAPPED = ("u1", "u2", "i2", "f4", "f8")
 _WITHOUT = ("source", "target", "known", "primary_source")
 
@@ -87,16 +87,21 @@ class _Capture:
             self._found[scale] = features(self.grey, self.lens, scale, self._limits)
         return self._found[scale]
 
-    def points(self, source: str, lens: Lens, prior: Any, descriptors: bool) -> Tuple[Points, Points]:
-        """Control points by features (where descriptors can be compared) and by area."""
+    def points(self, source: str, lens: Lens, prior: Any, descriptors: str) -> Tuple[Points, Points]:
+        """Control points by features and by area.
+
+        ``descriptors`` is ``always``, ``fallback`` (where too few windows of
+        the area agree to be of use) or ``never`` (other physics, other look).
+        """
         limits = self._limits
         grey = to_grey8(decode(Path(source).read_bytes(), lens, limits))
         pair = (self.lens, lens)
+        by_area = area_points(self.grey, grey, pair, prior, limits)
         by_features = np.empty((0, 4))
-        if descriptors:
+        if descriptors == ALWAYS or (descriptors == FALLBACK and len(by_area) < 2 * limits.min_inliers):
             mine, other = match_scales(self.lens, lens, limits)
             by_features = feature_points(self.at(mine), features(grey, lens, other, limits), pair, prior, limits)
-        return by_features, area_points(self.grey, grey, pair, prior, limits)
+        return by_features, by_area
 
 
 def _measure(job: Mapping[str, Any], limits: Thresholds) -> Dict[str, Any]:
@@ -198,29 +203,6 @@ def warp_pixels(pixels: npt.NDArray[Any], primary: Lens, band: Lens, matrix: Any
     result = np.stack(layers, axis=2)
     result[~((x >= -0.5) & (x <= band.width - 0.5) & (y >= -0.5) & (y <= band.height - 0.5))] = hole
     return np.asarray(result)
-
-
-def sample_places(primary: Lens, band: Lens, matrix: Any) -> Points:
-    """Where in the band each pixel of the primary's grid lies, (h, w, 2).
-
-    ``distort_band(H(undistort_primary(pixel)))`` at every eighth pixel, in
-    between linear: lenses bend by less than a thousandth of a pixel over eight.
-    """
-    columns = np.arange(0, primary.width + _NODE_PX, _NODE_PX, dtype=np.float64)
-    rows = np.arange(0, primary.height + _NODE_PX, _NODE_PX, dtype=np.float64)
-    nodes = np.stack(np.meshgrid(columns, rows), axis=-1)
-    there = np.nan_to_num(band.to_pixels(project(matrix, primary.to_rays(nodes))), nan=-1e6)
-    across, down = _weights(primary.width, len(columns)), _weights(primary.height, len(rows))
-    return np.stack([down @ there[..., i] @ across.T for i in (0, 1)], axis=-1)
-
-
-def _weights(count: int, nodes: int) -> Points:
-    at = np.arange(count) / _NODE_PX
-    low = np.minimum(at.astype(np.int64), nodes - 2)
-    weights = np.zeros((count, nodes))
-    weights[np.arange(count), low] = 1.0 - (at - low)
-    weights[np.arange(count), low + 1] = at - low
-    return weights
 
 
 def _local_scale(place: Points) -> float:
