@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from dataclasses import dataclass
-from typing import Dict, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Dict, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -133,20 +133,22 @@ def plan_pairs(frames: Sequence[AlignFrame], cameras: Sequence[AlignCamera], lim
     """
     prints = footprints(frames, cameras, limits)
     lines = strips(frames, prints)
-    reach = [_candidates(i, frames, prints, limits) for i in range(len(frames))]
+    overlap = _Overlap(prints, limits.overlap_sigma_factor)
+    reach = _candidates(frames, prints, overlap)
     degree = [0] * len(frames)
     taken: Set[Pair] = set()
 
     def take(wishes: Sequence[Sequence[int]], quota: int, cap: int) -> None:
+        wanted = [set(w) for w in wishes]
         got = [0] * len(frames)
         for a, b in taken:
-            got[a] += b in _set(wishes[a])
-            got[b] += a in _set(wishes[b])
+            got[a] += b in wanted[a]
+            got[b] += a in wanted[b]
         for rank in range(max((len(w) for w in wishes), default=0)):
-            for i in range(len(frames)):
-                if rank >= len(wishes[i]) or got[i] >= quota or degree[i] >= cap:
+            for i, wish in enumerate(wishes):
+                if rank >= len(wish) or got[i] >= quota or degree[i] >= cap:
                     continue
-                j = wishes[i][rank]
+                j = wish[rank]
                 pair = (min(i, j), max(i, j))
                 if pair in taken or degree[j] >= cap:
                     continue
@@ -154,15 +156,7 @@ def plan_pairs(frames: Sequence[AlignFrame], cameras: Sequence[AlignCamera], lim
                 degree[i] += 1
                 degree[j] += 1
                 got[i] += 1
-                got[j] += i in _set(wishes[j])
-
-    sets: Dict[int, Set[int]] = {}
-
-    def _set(wish: Sequence[int]) -> Set[int]:
-        key = id(wish)
-        if key not in sets:
-            sets[key] = set(wish)
-        return sets[key]
+                got[j] += i in wanted[j]
 
     own_line = [[j for j in reach[i] if lines[j] == lines[i]] for i in range(len(frames))]
     other_line = [
@@ -185,25 +179,46 @@ def plan_pairs(frames: Sequence[AlignFrame], cameras: Sequence[AlignCamera], lim
     return PairPlan(
         pairs=tuple(sorted(taken)),
         blind=blind if len(frames) > limits.all_pairs_limit else (),
-        areas=_areas(frames, prints, limits),
+        areas=_areas(prints, overlap),
         dropped=len(seen) * (len(seen) - 1) // 2 - sum(len(r) for r in reach) // 2,
     )
 
 
+class _Overlap:
+    """``can_overlap`` of one footprint with all others at once, for surveys of thousands of frames."""
+
+    def __init__(self, prints: Sequence[Optional[Footprint]], sigma_factor: float) -> None:
+        rows = [(p.east, p.north, p.radius_m, p.sigma_m) if p else (math.nan,) * 4 for p in prints]
+        self.east, self.north, self.radius, self.sigma = np.asarray(rows, dtype=float).reshape(-1, 4).T
+        self.factor = sigma_factor
+
+    def of(self, i: int) -> Tuple[Array, npt.NDArray[np.bool_]]:
+        """Distances of all footprints from footprint ``i`` (m, rounded to mm) and whether they can share ground."""
+        away = np.round(np.hypot(self.east - self.east[i], self.north - self.north[i]), 3)
+        reach = np.round(self.radius + self.radius[i] + self.factor * np.hypot(self.sigma, self.sigma[i]), 3)
+        return away, away <= reach
+
+
 def _candidates(
-    i: int, frames: Sequence[AlignFrame], prints: Sequence[Optional[Footprint]], limits: Thresholds
-) -> List[int]:
-    """Frames that can share ground with frame ``i``, nearest first."""
-    own = prints[i]
-    if own is None:
-        return []
-    found: List[Tuple[float, str, int]] = []
-    for j, other in enumerate(prints):
-        if other is None or j == i or _same_capture(frames[i], frames[j]):
+    frames: Sequence[AlignFrame], prints: Sequence[Optional[Footprint]], overlap: _Overlap
+) -> List[List[int]]:
+    """Per frame, those that can share ground with it, nearest first, ties by path."""
+    place = {path: rank for rank, path in enumerate(sorted(f.path for f in frames))}
+    rank = np.asarray([place[f.path] for f in frames], dtype=np.int64)
+    names: Dict[str, int] = {}
+    capture = np.asarray([names.setdefault(f.capture, len(names)) if f.capture else -1 for f in frames], dtype=np.int64)
+    found: List[List[int]] = []
+    for i, own in enumerate(prints):
+        if own is None:
+            found.append([])
             continue
-        if can_overlap(own, other, limits.overlap_sigma_factor):
-            found.append((round(math.hypot(own.east - other.east, own.north - other.north), 3), frames[j].path, j))
-    return [j for _, _, j in sorted(found)]
+        away, can = overlap.of(i)
+        can[i] = False
+        if capture[i] >= 0:
+            can &= capture != capture[i]
+        rows = np.nonzero(can)[0]
+        found.append([int(j) for j in rows[np.lexsort((rank[rows], away[rows]))]])
+    return found
 
 
 def _same_capture(a: AlignFrame, b: AlignFrame) -> bool:
@@ -230,25 +245,23 @@ def _blind_pairs(blind: Sequence[int], frames: Sequence[AlignFrame], limits: Thr
     return found
 
 
-def _areas(frames: Sequence[AlignFrame], prints: Sequence[Optional[Footprint]], limits: Thresholds) -> Tuple[int, ...]:
+def _areas(prints: Sequence[Optional[Footprint]], overlap: _Overlap) -> Tuple[int, ...]:
     """Number the pieces of ground: frames joined by possible overlaps share one; frames without position are -1.
 
     Area 0 holds the most frames.
     """
-    label = [-1] * len(frames)
+    label = np.full(len(prints), -1, dtype=np.int64)
     count = 0
-    for start in range(len(frames)):
-        if label[start] >= 0 or prints[start] is None:
+    for start, own in enumerate(prints):
+        if label[start] >= 0 or own is None:
             continue
         label[start], stack = count, [start]
         while stack:
-            i = stack.pop()
-            a = prints[i]
-            for j, b in enumerate(prints):
-                if label[j] < 0 and a is not None and b is not None and can_overlap(a, b, limits.overlap_sigma_factor):
-                    label[j] = count
-                    stack.append(j)
+            _, can = overlap.of(stack.pop())
+            fresh = np.nonzero(can & (label < 0))[0]
+            label[fresh] = count
+            stack.extend(int(j) for j in fresh)
         count += 1
-    sizes: Mapping[int, int] = {n: label.count(n) for n in range(count)}
-    rank = {n: place for place, n in enumerate(sorted(sizes, key=lambda n: (-sizes[n], n)))}
-    return tuple(rank.get(n, -1) for n in label)
+    sizes = {n: int((label == n).sum()) for n in range(count)}
+    order = {n: place for place, n in enumerate(sorted(sizes, key=lambda n: (-sizes[n], n)))}
+    return tuple(order.get(int(n), -1) for n in label)

@@ -84,7 +84,7 @@ def _run(
             [sys.executable, "-c", _BOOT, root, str(request)],
             stdout=subprocess.PIPE,
             stderr=log,
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,
             env=environment,
         )
         reader = threading.Thread(target=_relay, args=(process, progress), daemon=True)
@@ -143,6 +143,7 @@ def _tail(path: Path) -> str:
 
 def main(request: str) -> int:
     """Answer the job in the file ``request``; 0 when every answer was written."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     path = Path(request)
     said = json.loads(path.read_text(encoding="utf-8"))
     folder = Path(said["folder"])
@@ -168,6 +169,12 @@ def main(request: str) -> int:
         write_text(folder / f"{said['do']}.failed.json", dumps(told))
         return 1
     return 0
+
+
+def _end_with_parent() -> None:
+    """The parent holds the other end of stdin: when it is gone, nobody waits for an answer."""
+    sys.stdin.buffer.read()
+    os._exit(1)
 
 
 def _answer(said: Dict[str, Any], folder: Path) -> List[Solution]:

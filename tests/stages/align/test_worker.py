@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +57,24 @@ def test_cancel_kills_the_worker(tmp_path, monkeypatch):
     if pid and sys.platform == "linux":
         with pytest.raises(ProcessLookupError):
             os.kill(int(pid), 0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks at processes by /proc")
+def test_the_worker_ends_with_its_parent(tmp_path):
+    root = Path(worker.__file__).resolve().parents[2]
+    boot = worker._BOOT.replace("raise SystemExit(", "import time\n").split("importlib.import_module('sensorgate")[0]
+    body = (
+        boot
+        + "worker = importlib.import_module('sensorgate.stages.align.worker')\n"
+        + "worker.json.loads = lambda text: time.sleep(60)\nworker.main(sys.argv[2])\n"
+    )
+    request_file = tmp_path / "solve.json"
+    request_file.write_text("{}", encoding="utf-8")
+    child = subprocess.Popen([sys.executable, "-c", body, str(root), str(request_file)], stdin=subprocess.PIPE)
+    time.sleep(1.0)
+    assert child.poll() is None
+    child.stdin.close()
+    assert child.wait(timeout=20) == 1
 
 
 def test_progress_lines_reach_the_caller_and_noise_does_not(tmp_path, monkeypatch):
