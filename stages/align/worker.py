@@ -173,7 +173,9 @@ def main(request: str) -> int:
 
 def _end_with_parent() -> None:
     """The parent holds the other end of stdin: when it is gone, nobody waits for an answer."""
-    sys.stdin.buffer.read()
+    # Not sys.stdin: its lock, held by this thread, would abort the interpreter at its regular end.
+    while os.read(0, 4096):
+        pass
     os._exit(1)
 
 
