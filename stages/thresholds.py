@@ -163,6 +163,9 @@ class Thresholds:
     band_simpler_cost: float = _number(
         0.05, "ratio", "residual that a model with fewer freedoms may cost: it bends less where there are no points"
     )
+    band_min_cover: float = _number(
+        0.25, "of the frame's cells", "agreeing points must be spread over at least this: elsewhere the map is a guess"
+    )
     band_refine_gain_px: float = _number(
         0.1, "px", "gain on held-out points, median over captures, for which each capture gets its own homography"
     )
@@ -170,6 +173,22 @@ class Thresholds:
     band_area_score: float = _number(0.35, "correlation", "a window's best place is believed from here")
     band_area_distinct: float = _number(1.2, "ratio", "and where it beats the next best place by this")
     band_user_points: int = _number(6, "points", "the user's control points per band: three fix an affine, the rest test it")
+
+    # --- a look at pixels ----------------------------------------------------------
+    look_frames: int = _number(12, "frames", "decoded per colour profile when asked: a conversion shows in every frame")
+    look_min_frames: int = _number(3, "frames", "fewer may show one odd field")
+    look_side_px: int = _number(192, "px", "longer side of the picture that is looked at: colour shares need no detail")
+    look_dark_dn: float = _number(24.0, "DN of 255", "darker pixels have no colour")
+    look_blown_dn: float = _number(2.0, "DN of 255", "pixels this near to white are blown out")
+    look_min_exposed: float = _number(0.3, "ratio", "a frame with fewer pixels between black and white is not judged")
+    look_margin: float = _number(0.06, "ratio", "channels nearer to each other than this are grey: white balance, JPEG")
+    look_pink_share: float = _number(
+        0.25, "ratio of pixels", "green smallest on a quarter of the ground: no plant or soil does so in visible light"
+    )
+    look_green_share: float = _number(0.05, "ratio of pixels", "where leaves are green the camera sees visible light")
+    look_cast: float = _number(1.3, "ratio", "red over the other channels behind a plain infrared filter")
+    look_cast_share: float = _number(0.8, "ratio of pixels", "a cast lies over all of the frame, red soil over a part")
+    look_frames_share: float = _number(0.6, "ratio of frames", "more than half: the camera is it, not the field")
 
     # --- alignment ---------------------------------------------------------------
     min_inliers: int = _number(30, "matches", "verified matches of a pair; no false pair of two surveys reached it")
