@@ -18,7 +18,7 @@ from ..progress import Cancel, Progress
 from ..record import to_plain
 from ..thresholds import Thresholds
 from .bands_findings import rig_findings, unused_points
-from .bands_fit import CapturePoints, Fitted, Lenses, cross_checked, errors_px, fit, fit_user_points, passes
+from .bands_fit import CapturePoints, Fitted, Lenses, cross_checked, errors_px, fit, fit_user_points, passes, witnessed
 from .bands_group import BandOptics, HeightBin, RigCapture, band_optics, height_bins, rig_captures, sample
 from .bands_lens import Lens, Points, lens_of
 from .bands_model import (
@@ -275,7 +275,13 @@ def _by_user(
     limits: Thresholds,
 ) -> BandFit:
     need = int(limits.band_user_points)
-    empty = _empty(rig, profile, height_bin, captures, f"{len(points)} control points were given, {need} are needed")
+    empty = _empty(
+        rig,
+        profile,
+        height_bin,
+        captures,
+        f"{len(points)} control points were given; {need} are needed, not on one line",
+    )
     fitted = fit_user_points(points, rig.primary_lens, rig.optics[profile].lens, limits)
     if fitted is None or fitted.held_out is None:
         return empty
@@ -312,6 +318,7 @@ def _by_points(
     proven = [(s, f) for s, f in tried if passes(f, limits)]
     if proven:
         source, best = min(proven, key=lambda item: item[1].held_out.p95_px if item[1].held_out else math.inf)
+        best = witnessed(best, points[AREA if source == FEATURES else FEATURES], limits)
         return _filled(empty, best, source, ALIGNED if best.identity else WARP, "")
     dense = [(s, f) for s, f in tried if passes(f, limits, residuals=False)]
     if dense:
@@ -322,6 +329,8 @@ def _by_points(
     if tried:
         source, best = max(tried, key=lambda item: item[1].inliers)
         few = f"only {best.inliers} of {best.control_points} control points agree"
+        if best.inliers >= limits.min_inliers and best.share >= limits.band_min_share:
+            few = "control points were found in a small part of the frame only"
         return replace(empty, reason=few, source=source, sampled=best.captures)
     return empty
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Iterator, List, Mapping, Sequence
+from typing import Dict, Iterator, List, Mapping, Sequence
 
 from ..finding import INFO, WARNING, Finding
 from ..frame import Frame
 from ..thresholds import Thresholds
-from .bands_model import ALIGNED, APPLIED, REFUSED, VOIDED, WARP, BandFit, RigPlan
+from .bands_model import ALIGNED, APPLIED, REFUSED, VOIDED, WARP, BandFit, Residual, RigPlan
 
 
 def unused_points(names: str) -> Finding:
@@ -74,7 +74,7 @@ def _refused(plan: RigPlan, fits: Sequence[BandFit], limits: Thresholds) -> Find
 
 
 def _registered(plan: RigPlan, warped: Sequence[BandFit], limits: Thresholds) -> Finding:
-    worst = {}
+    worst: Dict[str, Residual] = {}
     for fitted in warped:
         held = fitted.held_out
         if held is not None and (fitted.band not in worst or held.median_px > worst[fitted.band].median_px):

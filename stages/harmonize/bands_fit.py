@@ -65,6 +65,7 @@ class Fitted:
     captures: Tuple[CaptureFit, ...]
     refine: bool = False
     identity: bool = False
+    cover: float = 1.0
     cross_check: Optional[Residual] = None
 
 
@@ -83,9 +84,20 @@ def _plain_band(primary: Lens, band: Lens) -> Lens:
 
 def held_mask(points: Points, lens: Lens, turn: int) -> Mask:
     """Which points are held out: cells of the primary frame, shifted from capture to capture."""
-    column = np.floor(points[:, 0] / lens.width * _CELLS[0]).astype(np.int64)
-    row = np.floor(points[:, 1] / lens.height * _CELLS[1]).astype(np.int64)
+    column, row = _cells(points, lens)
     return np.asarray((column + 2 * row + turn) % 3 == 0)
+
+
+def _cells(points: Points, lens: Lens) -> Tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    column = np.clip(points[:, 0] / lens.width * _CELLS[0], 0, _CELLS[0] - 1).astype(np.int64)
+    row = np.clip(points[:, 1] / lens.height * _CELLS[1], 0, _CELLS[1] - 1).astype(np.int64)
+    return column, row
+
+
+def _cover(points: Points, lens: Lens) -> float:
+    """Share of the primary frame's cells that hold one of ``points``."""
+    column, row = _cells(points, lens)
+    return len(np.unique(column + _CELLS[0] * row)) / (_CELLS[0] * _CELLS[1])
 
 
 def errors_px(matrix: Any, lenses: Lenses, points: Points) -> Points:
@@ -187,6 +199,8 @@ def passes(fitted: Fitted, limits: Thresholds, *, residuals: bool = True) -> boo
     """Enough agreeing points, and (``residuals``) held-out residuals within the limits."""
     if fitted.inliers < limits.min_inliers or fitted.share < limits.band_min_share:
         return False
+    if fitted.cover < limits.band_min_cover:
+        return False
     held = fitted.held_out
     if held is None or held.points < limits.band_min_held:
         return False
@@ -205,6 +219,21 @@ def cross_checked(fitted: Fitted, other: Sequence[CapturePoints], limits: Thresh
         return fitted
     seen = residual(errors_px(fitted.matrix, fitted.lenses, np.vstack(points)), limits)
     return replace(fitted, cross_check=seen if seen is not None and seen.points >= limits.band_min_held else None)
+
+
+def witnessed(fitted: Fitted, other: Sequence[CapturePoints], limits: Thresholds) -> Fitted:
+    """Judge the captures by their points of the other kind too: a wrong capture may have hardly any of one kind."""
+    told = {c.frame: c for c in fitted.captures}
+    for item in other:
+        if not len(item.points):
+            continue
+        known = told.get(item.frame, CaptureFit(item.capture, item.frame, 0, 0))
+        errors = errors_px(fitted.matrix, fitted.lenses, item.points)
+        matches = known.matches + len(item.points)
+        agreeing = known.agreeing + int((errors <= limits.band_ransac_px).sum())
+        mismatch = matches >= limits.band_min_held and agreeing < limits.band_min_share * matches
+        told[item.frame] = replace(known, matches=matches, agreeing=agreeing, mismatch=mismatch)
+    return replace(fitted, captures=tuple(told[frame] for frame in sorted(told)))
 
 
 def _fit_once(
@@ -230,6 +259,7 @@ def _fit_once(
             inside = int((errors[~pool.held] <= limits.band_ransac_px).sum())
             share = inside / max(1, int((~pool.held).sum()))
             made = Fitted(matrix, model, lenses, len(pool.points), inside, share, held, None, ())
+            made = replace(made, cover=_cover(pool.points[errors <= limits.band_ransac_px], lenses.primary))
             if held is not None:
                 choices.append((held, made))
     chosen = _simplest(choices, limits)
@@ -318,6 +348,9 @@ def fit_user_points(points: Points, primary: Lens, band: Lens, limits: Threshold
     """Fit the user's points by least squares; each is judged by the fit to the others."""
     if len(points) < limits.band_user_points:
         return None
+    spread = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
+    if spread[1] < limits.collinear_ratio * spread[0]:
+        return None
     best: Optional[Fitted] = None
     for lenses in lens_choices(primary, band):
         for model in (AFFINE, HOMOGRAPHY):
@@ -342,8 +375,6 @@ def _least_squares(points: Points, lenses: Lenses, model: str) -> Optional[Matri
     primary, band = lenses.primary.to_rays(points[:, :2]), lenses.band.to_rays(points[:, 2:])
     if model == AFFINE:
         design = np.hstack((primary, np.ones((len(primary), 1))))
-        if np.linalg.matrix_rank(design, tol=1e-6) < 3:
-            return None
         solved = np.linalg.lstsq(design, band, rcond=None)[0].T
         return tuple(float(v) for v in np.vstack((solved, [0.0, 0.0, 1.0])).ravel())
     found, _ = opencv().findHomography(primary * lenses.coarse_px, band * lenses.coarse_px, 0)

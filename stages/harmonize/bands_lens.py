@@ -58,7 +58,7 @@ class Lens:
         center = np.array(self.center_px)
         if self.projection == FISHEYE:
             return _fisheye_pixels(self, rays)
-        return bend(rays, self.distortion) * self.focal_px + center
+        return np.asarray(bend(rays, self.distortion) * self.focal_px + center)
 
 
 def _middle(width: int, height: int) -> Tuple[float, float]:
@@ -125,7 +125,7 @@ def _brown_rays(lens: Lens, pixels: Points) -> Points:
             rays -= rest
             if float(np.abs(rest).max(initial=0.0)) < _CLOSE:
                 break
-    return rays
+    return np.asarray(rays)
 
 
 def _rho(coefficients: Tuple[float, ...], share: Points) -> Points:
@@ -197,7 +197,7 @@ def sample_places(primary: Lens, band: Lens, matrix: Any) -> Points:
     """Where in the band each pixel of the primary's grid lies, (h, w, 2).
 
     ``distort_band(H(undistort_primary(pixel)))`` at every eighth pixel, in
-    between linear: lenses bend by less than a thousandth of a pixel over eight.
+    between linear: over eight pixels lenses bend by a hundredth of a pixel at most.
     """
     columns = np.arange(0, primary.width + _NODE_PX, _NODE_PX, dtype=np.float64)
     rows = np.arange(0, primary.height + _NODE_PX, _NODE_PX, dtype=np.float64)

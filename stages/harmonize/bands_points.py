@@ -186,7 +186,7 @@ def _size_at(lens: Lens, focal_px: float) -> Tuple[int, int]:
 
 
 def _full(pixels: Points, small: Lens, full: Lens) -> Points:
-    return (pixels + 0.5) * np.array([full.width / small.width, full.height / small.height]) - 0.5
+    return np.asarray((pixels + 0.5) * np.array([full.width / small.width, full.height / small.height]) - 0.5)
 
 
 def _edges(image: Image) -> npt.NDArray[np.float32]:

@@ -117,6 +117,7 @@ def run_jobs(
     jobs: Sequence[Job], limits: Thresholds, *, workers: int = 2, cancel: Optional[Cancel] = None
 ) -> Generator[Answer, None, None]:
     """Yield each job's index with its answer as it is done, in any order. Raises ``Cancelled``."""
+    check(cancel)
     waiting: "queue.SimpleQueue[Any]" = queue.SimpleQueue()
     answers: "queue.SimpleQueue[Answer]" = queue.SimpleQueue()
     for item in enumerate(jobs):
