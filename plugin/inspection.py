@@ -8,6 +8,8 @@ from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Union
 
 from ..stages.finding import Finding, sort_key
 from ..stages.gate import BLOCKED, GateReport, assess, verdict_of
+from ..stages.look import look
+from ..stages.profile import THERMAL, CameraProfile
 from ..stages.progress import Cancel, Progress
 from ..stages.read import scan
 from ..stages.record import to_plain
@@ -15,8 +17,10 @@ from ..stages.sensors import load_sheet
 from ..stages.survey import Survey, build
 from ..stages.thresholds import DEFAULTS, Thresholds
 from .control import Control, read_control
+from .odm.bands import band_name
 from .odm.masks import split_masks
 from .odm.predict import Prediction, predict
+from .odm.thermal import thermal_reading
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,7 @@ class Settings:
     engine: str = "pycolmap"
     max_dim: Optional[int] = None
     align: bool = True
+    look: bool = False
 
     def identity(self) -> Dict[str, Any]:
         """Everything that decides, thresholds too; two runs with equal inputs and identity give equal bytes."""
@@ -50,6 +55,14 @@ class Settings:
 DEFAULT_SETTINGS = Settings()
 
 
+def _with_thermal_reading(profile: CameraProfile, survey: Survey) -> CameraProfile:
+    """Say of a thermal profile what this ODM will read it as."""
+    if profile.spectrum != THERMAL:
+        return profile
+    frame = survey.file_of()[profile.frames[0]]
+    return replace(profile, thermal_reading=thermal_reading(frame, band_name(frame)))
+
+
 @dataclass(frozen=True)
 class Inspection:
     """The survey with all that is known before any pixel moves. ``masks`` is frame path -> mask path."""
@@ -61,11 +74,16 @@ class Inspection:
     prediction: Prediction
     control: Control
     masks: Mapping[str, str] = field(default_factory=dict)
+    looked: Tuple[Finding, ...] = ()
 
     @property
     def findings(self) -> Tuple[Finding, ...]:
         """Ours and what ODM would say, worst first."""
-        return tuple(sorted([*self.assessed.findings, *self.prediction.findings, *self.control.findings], key=sort_key))
+        return tuple(
+            sorted(
+                [*self.assessed.findings, *self.prediction.findings, *self.control.findings, *self.looked], key=sort_key
+            )
+        )
 
     @property
     def verdict(self) -> str:
@@ -91,8 +109,10 @@ def inspect(
         settings.thresholds,
         ground_m=settings.ground_m,
     )
+    survey = replace(survey, profiles=tuple(_with_thermal_reading(p, survey) for p in survey.profiles))
     assessed = assess(survey, settings.thresholds, gsd_target=settings.gsd_target)
     files = survey.file_of()
     present = [files[f.path] for f in survey.frames]
     prediction = predict(present, {f.path: f.profile for f in survey.frames}, survey.profiles, settings.thresholds)
-    return Inspection(tuple(paths), settings, survey, assessed, prediction, control, masks)
+    looked = look(survey, settings.thresholds, cancel=cancel) if settings.look else ()
+    return Inspection(tuple(paths), settings, survey, assessed, prediction, control, masks, looked)

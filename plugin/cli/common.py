@@ -28,6 +28,7 @@ def add_input(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--gsd-target", default="finest", metavar="finest|coarsest|CM", help="ground resolution to bring frames to"
     )
+    parser.add_argument("--look", action="store_true", help="also look at some pixels for infrared-converted cameras")
     parser.add_argument("--thresholds", metavar="FILE.json", help="change thresholds by name")
 
 

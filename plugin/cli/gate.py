@@ -40,6 +40,7 @@ def call(args: argparse.Namespace) -> int:
                 thresholds=thresholds_from(args),
                 calibration=args.calibration,
                 ground_m=args.ground,
+                look=args.look,
                 gsd_target=gsd_target_from(args.gsd_target),
             ),
             progress=bars,

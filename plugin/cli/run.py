@@ -48,6 +48,7 @@ def call(args: argparse.Namespace) -> int:
                 thresholds=thresholds_from(args),
                 calibration=args.calibration,
                 ground_m=args.ground,
+                look=args.look,
                 gsd_target=gsd_target_from(args.gsd_target),
                 gcp=args.gcp,
                 force_gcp=args.force_gcp,
