@@ -215,7 +215,7 @@ class _Ladder:
         kept, guilty = self._separate(best)
         if kept is None:
             return self._each_alone(request, best)
-        return self._rejoin(request, kept, guilty, best, route)
+        return self._rejoin(request, kept, guilty, mixed, route)
 
     def _accept(self, done: Aligned, route: str, note: str = "") -> List[ProvenGroup]:
         """Turn an alignment without a failed payload into groups; the unproven leave the proven."""
@@ -279,7 +279,7 @@ class _Ladder:
         strength = {p.payload: p.strong_cross_pairs for p in tried.report.payloads}
         stands, joined, refused = kept, [], {}
         for payload in sorted(guilty, key=lambda p: (-strength[p], p)):
-            result, notes = self._pairwise(request, stands, payload)
+            result, notes = self._pairwise(request, stands, payload, tried)
             if result is None:
                 refused[payload] = notes
             else:
@@ -295,9 +295,19 @@ class _Ladder:
         return found
 
     def _pairwise(
-        self, request: AlignRequest, base: Aligned, payload: str
+        self, request: AlignRequest, base: Aligned, payload: str, tried: Aligned
     ) -> Tuple[Optional[Aligned], Tuple[str, ...]]:
-        """Register one payload onto a standing model; ``None`` with what is missing where that is refused."""
+        """Register one payload onto a standing model; ``None`` with what is missing where that is refused.
+
+        ``tried`` has looked for pairs with the same features and by likeness:
+        where it verified none, there is nothing to register by, and only
+        ground control can tie.
+        """
+        linked = next((p.cross_pairs for p in tried.report.payloads if p.payload == payload), 0)
+        if not linked:
+            early = tie_by_control(tried, payload, self.limits)
+            if not early.holds:
+                return None, ("no verified pair with any other payload, so pairwise has nothing to hold on", early.text)
         names = {f.payload for f in base.request.frames} | {payload}
         both = subset(request, names)
         wish = likeness(both, payload, self.limits)
@@ -385,10 +395,11 @@ class PipelineRouter:
     def evaluate_alignment(self, match_report: Union[AlignmentReport, Mapping[str, Any]]) -> str:
         """Return ``proceed_bundle_adjustment`` or ``fallback_pairwise``.
 
-        A mapping needs ``inliers``, ``mean_reproj_error`` and ``components``
-        (also under the names that ``report.json`` uses); a figure that is
-        missing or not a number is a fallback, never a pass. A report proceeds
-        only where its own verdict agrees.
+        A mapping needs ``inliers`` and ``mean_reproj_error`` (also under the
+        names that ``report.json`` uses); a figure that is missing or not a
+        number is a fallback, never a pass. ``components`` is held to one where
+        the mapping says it: matches of a pair have none. A report proceeds only
+        where its own verdict agrees.
         """
         if isinstance(match_report, AlignmentReport):
             if match_report.verdict != PASS:
@@ -400,6 +411,8 @@ class PipelineRouter:
             }
         else:
             figures = {name: _first(match_report, names) for name, names in _FIGURES.items()}
+            if not any(name in match_report for name in _FIGURES["components"]):
+                figures["components"] = 1
         inliers, error, components = (_finite(figures[name]) for name in _FIGURES)
         if inliers is None or error is None or components is None:
             return FALLBACK_STRATEGY

@@ -102,6 +102,9 @@ def _run(
                 process.kill()
                 process.wait()
             reader.join(timeout=5.0)
+            for pipe in (process.stdin, process.stdout):
+                if pipe is not None:
+                    pipe.close()
     failure = folder / f"{said['do']}.failed.json"
     if failure.exists():
         told = json.loads(failure.read_text(encoding="utf-8"))
@@ -138,7 +141,8 @@ def _tail(path: Path) -> str:
         lines = path.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     except OSError:
         return ""
-    return " | ".join(lines[-3:])[-600:]
+    telling = [line for line in lines if any(word in line for word in ("Check failed", "Fatal", "Error"))]
+    return " | ".join(telling[-2:] or lines[-2:])[-400:]
 
 
 def main(request: str) -> int:

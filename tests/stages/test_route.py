@@ -22,8 +22,9 @@ GOOD = {"inliers": 120, "mean_reproj_error": 0.8, "components": 1}
 class Solver:
     """Stands in for the alignment: a verdict per payload from a rule on who is there and on which rung."""
 
-    def __init__(self, rule):
+    def __init__(self, rule, linked=5):
         self.rule = rule
+        self.linked = linked
         self.calls = []
 
     def __call__(self, asked, workspace, *, rung, extra=(), start=None, **_):
@@ -44,6 +45,7 @@ class Solver:
                 verdict=verdicts.get(n, "pass"),
                 reasons=(f"{n} said",),
                 strong_cross_pairs=5,
+                cross_pairs=self.linked,
             )
             for n in names
         )
@@ -90,6 +92,14 @@ def test_the_bad_leaves_and_the_good_proceed(solver, tmp_path):
     assert next(c for c in made.calls if c[0] == "mixed")[3] == 1
     isolated = next(g for g in proof.groups if g.route == "isolate")
     assert "no control points" in isolated.reasons
+
+
+def test_without_one_verified_pair_no_pairwise_run_is_wasted(solver, tmp_path):
+    made = solver(lambda rung, names: {"b": "fail"} if len(names) > 1 else {})
+    made.linked = 0
+    proof = prove(_block(), tmp_path)
+    assert _routes(proof) == {("a", "c"): "proceed", ("b",): "isolate"}
+    assert "pairwise" not in [c[0] for c in made.calls]
 
 
 def test_mixed_settings_may_be_enough(solver, tmp_path):
@@ -209,7 +219,9 @@ def test_a_figure_that_is_missing_or_no_number_is_a_fallback(name, value):
     figures = {k: v for k, v in GOOD.items() if k != name or value != "absent"}
     if value != "absent":
         figures[name] = value
-    assert PipelineRouter().evaluate_alignment(figures) == "fallback_pairwise"
+    # The matches of a pair have no components: that one figure may be absent.
+    expected = "proceed_bundle_adjustment" if (name, value) == ("components", "absent") else "fallback_pairwise"
+    assert PipelineRouter().evaluate_alignment(figures) == expected
 
 
 def test_a_report_proceeds_only_with_its_own_verdict():

@@ -77,6 +77,13 @@ def test_the_worker_ends_with_its_parent(tmp_path):
     assert child.wait(timeout=20) == 1
 
 
+def test_a_worker_that_answers_ends_quietly(tmp_path):
+    pytest.importorskip("pycolmap")
+    found = worker.solve(EMPTY, "pycolmap", tmp_path / "run", tmp_path)
+    assert found.models == 0 and len(found.model) == 0
+    assert "Fatal" not in (tmp_path / "run" / "solve.log").read_text(encoding="utf-8")
+
+
 def test_progress_lines_reach_the_caller_and_noise_does_not(tmp_path, monkeypatch):
     body = "print('hello'); print(json.dumps(['pairs', 3, 9])); print('[1]', flush=True); sys.exit(1)"
     _engine(tmp_path, monkeypatch, body)
