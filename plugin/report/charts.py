@@ -132,7 +132,7 @@ def residual_chart(view: View, found: Mapping[str, Any], colour: Colours) -> str
         body.append(svg.circle(middle, limit * scale, "limit-circle"))
         body.append(
             svg.text(
-                middle[0] + limit * scale * 0.71 + 4, middle[1] + limit * scale * 0.71 + 10, f"{limit:g} m", "tick"
+                middle[0] + limit * scale * 0.71 + 4, middle[1] + limit * scale * 0.71 + 10, f"{limit:.3g} m", "tick"
             )
         )
     body.append(svg.text(middle[0] + 4, middle[1] - radius + 9, "N", "tick"))

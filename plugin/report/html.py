@@ -119,7 +119,7 @@ def _project(view: View, project: Mapping[str, Any]) -> Dict[str, Any]:
     return {
         **project,
         "checks": story.alignment_checks(view, project),
-        "cross": story.cross_words(found, view.threshold.get("min_inliers", 30)),
+        "cross": story.cross_words(found, view.threshold.get("min_inliers", 30), project["reasons"]),
         "words": story.option_words(project["options"]),
         "candidates": found.get("candidates", []),
         "notes": found.get("notes", []),

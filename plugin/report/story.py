@@ -292,8 +292,8 @@ def _inliers(found: Mapping[str, Any], limit: Mapping[str, float]) -> Optional[C
     return Check("Matches per pair", figure(value, 0), f"≥ {least:g}", GOOD if value >= least else BAD, words)
 
 
-def cross_words(found: Mapping[str, Any], least: float) -> List[str]:
-    """One sentence per pair of payloads that were matched, and what was said of each payload."""
+def cross_words(found: Mapping[str, Any], least: float, told: Sequence[str] = ()) -> List[str]:
+    """One sentence per pair of payloads that were matched, and what was said of each payload and not yet told."""
     lines = []
     for pair in found.get("pairs", []):
         if pair["a"] == pair["b"]:
@@ -304,7 +304,10 @@ def cross_words(found: Mapping[str, Any], least: float) -> List[str]:
         tried = plural(pair["pairs"], "pair")
         lines.append(f"{pair['a']} and {pair['b']}: {figure(inliers, 0)} matches per pair over {tried}, {judged}.")
     for payload in found.get("payloads", []):
-        lines.extend(f"{payload['payload']}: {reason}" for reason in payload.get("reasons", []))
+        for reason in payload.get("reasons", []):
+            named = f"{payload['payload']}: {reason}"
+            if reason not in told and named not in told:
+                lines.append(named)
         offset = payload.get("gps_offset_m")
         if offset:
             shift = ", ".join(f"{v:+.1f} m {way}" for v, way in zip(offset, ("east", "north", "up")) if v is not None)
