@@ -148,7 +148,21 @@ def roles(
         for frame in _still_ends(frames, limits):
             if result[frame.path] == SURVEY:
                 result[frame.path] = PANEL
+        for frame in _low_above_panel(frames, result, limits):
+            if result[frame.path] == SURVEY:
+                result[frame.path] = TRANSIT
     return result
+
+
+def _low_above_panel(frames: Sequence[Frame], role: Mapping[str, str], limits: Thresholds) -> List[Frame]:
+    """Low frames at the ends where only GPS altitudes are known: the panel lay on the ground they rise from."""
+    ground = [f.altitude_m for f in frames if role[f.path] == PANEL and f.altitude_m is not None]
+    if not ground:
+        return []
+    zero = median(ground)
+    heights = {f.path: Height(None if f.altitude_m is None else f.altitude_m - zero) for f in frames}
+    known = [h for f in frames if (h := heights[f.path].value_m) is not None]
+    return _low_ends(frames, heights, median(known), limits) if len(known) >= limits.min_proof_frames else []
 
 
 def _low_ends(

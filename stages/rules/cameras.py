@@ -231,7 +231,7 @@ def sources(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
                 code="focal-plane-missing",
                 severity=INFO,
                 subjects=(profile.id,),
-                message=f"{profile.id} has no focal-plane tags (41486, 41487) and is not in the calibration sheet: its "
-                "field of view comes from the 35 mm equivalent, good to a few percent.",
+                message=f"{profile.id} has no focal-plane tags (41486, 41487) and is not in the calibration sheet in "
+                "this size: its field of view comes from the 35 mm equivalent, good to a few percent.",
                 remedy="Nothing to do for a block with good overlap. Else add the camera with --calibration FILE.",
             )

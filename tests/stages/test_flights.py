@@ -84,6 +84,15 @@ def test_a_still_burst_far_below_a_rigs_flight_is_the_panel_where_only_gps_altit
     assert set(role_of(slope).values()) == {SURVEY}
 
 
+def test_a_climb_from_the_panel_is_transit_where_only_gps_altitudes_are_known():
+    frames = [replace(f, relative_altitude_m=None) for f in rig_flight()]
+    frames = edit(frames, {"c0000"}, altitude_m=170.0, panel=True)
+    frames = edit(frames, {"c0001"}, altitude_m=195.0)
+    frames = edit(frames, {"c0002"}, altitude_m=225.0)
+    role = role_of(frames)
+    assert [role[f.path] for f in frames[::3]] == [PANEL, TRANSIT] + [SURVEY] * 18
+
+
 def test_a_few_frames_at_the_horizon_are_strays_and_a_facade_flight_is_not():
     frames = strip(count=20)
     strays = [replace(f, pitch_deg=-2.0) if i == 7 else f for i, f in enumerate(frames)]
