@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -72,11 +73,13 @@ def test_a_report_goes_to_json_and_back(report):
     assert from_plain(AlignmentReport, to_plain(report)) == report
 
 
-def test_originals_are_not_touched(survey, report):
-    for frame in survey.frames[:2]:
-        assert hashlib.sha256(Path(frame.file).read_bytes()).hexdigest()
-    names = {p.name for p in (REAL / "brighton_p3_rgb").iterdir()}
-    assert names == {Path(f.file).name for f in survey.frames}
+def test_the_image_folder_is_left_as_it_was(survey, space, tmp_path):
+    for frame in survey.frames[:7]:
+        shutil.copy(frame.file, tmp_path)
+    before = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in tmp_path.iterdir()}
+    (asked,) = requests_for(build(scan([str(tmp_path)]), load_sheet(), DEFAULTS))
+    align(asked, space / "copy", max_dim=480, lock=True)
+    assert {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in tmp_path.iterdir()} == before
 
 
 def test_small_sets_are_unproven_and_named(space):
@@ -89,6 +92,7 @@ def test_small_sets_are_unproven_and_named(space):
 
 @pytest.mark.skipif(shutil.which("colmap") is None, reason="the COLMAP program is not installed")
 def test_colmaps_program_says_the_same(survey, space, report):
-    other = align(survey, space / "cli", max_dim=SIZE, engine="colmap", lock=True)
-    assert other.registered == 18 and other.verdict == report.verdict
-    assert other.height_m == pytest.approx(report.height_m, rel=0.03)
+    part = replace(survey, frames=survey.frames[:12])
+    other = align(part, space / "cli", max_dim=SIZE, engine="colmap", lock=True)
+    assert other.registered >= 11 and other.verdict == report.verdict
+    assert other.height_m == pytest.approx(report.height_m, rel=0.05)
