@@ -190,6 +190,13 @@ class Thresholds:
     look_cast_share: float = _number(0.8, "ratio of pixels", "a cast lies over all of the frame, red soil over a part")
     look_frames_share: float = _number(0.6, "ratio of frames", "more than half: the camera is it, not the field")
 
+    # --- fused orthophotos -------------------------------------------------------
+    fuse_max_gigapixels: float = _number(20.0, "GP", "a larger grid comes from sites far apart, not from one survey")
+    fuse_compare_px: int = _number(3000, "px", "longer side at which two orthophotos are compared")
+    fuse_shift_px: float = _number(
+        1.0, "px of the coarser raster", "payloads farther apart mix neighbours in every index across them"
+    )
+
     # --- alignment ---------------------------------------------------------------
     min_inliers: int = _number(30, "matches", "verified matches of a pair; no false pair of two surveys reached it")
     max_reproj_error_px: float = _number(2.0, "px", "mean reprojection error of an accepted model; necessary, never enough")
