@@ -11,7 +11,7 @@ from ..stages.gate import BLOCKED, GateReport, assess, verdict_of
 from ..stages.look import look
 from ..stages.profile import THERMAL, CameraProfile
 from ..stages.progress import Cancel, Progress
-from ..stages.read import scan
+from ..stages.read import Found, scan
 from ..stages.record import to_plain
 from ..stages.sensors import load_sheet
 from ..stages.survey import Survey, build
@@ -99,12 +99,14 @@ def inspect(
     *,
     progress: Optional[Progress] = None,
     cancel: Optional[Cancel] = None,
+    found: Optional[Found] = None,
 ) -> Inspection:
     """Read, group and assess; nothing is written."""
-    found, masks = split_masks(scan(list(paths), progress=progress, cancel=cancel, limits=settings.thresholds))
-    control = read_control(settings.gcp, settings.geo, found.frames, settings.thresholds)
+    everything = scan(list(paths), progress=progress, cancel=cancel, limits=settings.thresholds, found=found)
+    images, masks = split_masks(everything)
+    control = read_control(settings.gcp, settings.geo, images.frames, settings.thresholds)
     survey = build(
-        replace(found, frames=control.frames),
+        replace(images, frames=control.frames),
         load_sheet(settings.calibration, settings.thresholds),
         settings.thresholds,
         ground_m=settings.ground_m,

@@ -14,6 +14,7 @@ from ..stages.frame import BrokenFrame
 from ..stages.gate import BLOCKED
 from ..stages.harmonize.model import HarmonizedFrame
 from ..stages.progress import Cancel, Progress, check
+from ..stages.read import Found
 from ..stages.record import dumps, to_plain, write_text
 from ..stages.survey import Survey
 from .inspection import DEFAULT_SETTINGS, Inspection, Settings, inspect
@@ -58,9 +59,10 @@ def gate(
     *,
     progress: Optional[Progress] = None,
     cancel: Optional[Cancel] = None,
+    found: Optional[Found] = None,
 ) -> Result:
     """The verdict on imagery before anything is spent on it. Exit 0 consistent, 1 fixable, 3 blocked."""
-    inspection = inspect(paths, settings, progress=progress, cancel=cancel)
+    inspection = inspect(paths, settings, progress=progress, cancel=cancel, found=found)
     code = {"consistent": 0, "inconsistent": 1}.get(inspection.verdict, 3)
     return Result(_report(inspection, inspection.findings), code)
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Optional, Tuple
 
+from .record import slotted
+
 
 @dataclass(frozen=True)
 class FileCalibration:
@@ -34,6 +36,7 @@ class FileCalibration:
     fisheye_affine: Optional[Tuple[float, ...]] = None
 
 
+@slotted
 @dataclass(frozen=True)
 class Frame:
     """One image's metadata. Absent strings are ``""``, absent numbers ``None``.

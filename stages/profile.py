@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Optional, Tuple
 
 from .intrinsics import Intrinsics
+from .record import slotted
 
 RGB = "rgb"
 MULTISPECTRAL = "multispectral"
@@ -13,6 +14,7 @@ THERMAL = "thermal"
 SPECTRA = (RGB, MULTISPECTRAL, THERMAL)
 
 
+@slotted
 @dataclass(frozen=True)
 class SurveyFrame:
     """A frame placed in its survey: what it is, how it looked, whether it is used.

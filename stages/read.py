@@ -12,7 +12,7 @@ import sys
 import threading
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
+from typing import IO, Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 from .errors import FrameError, UsageError
 from .frame import BrokenFrame, FileCalibration, Frame
@@ -40,6 +40,8 @@ _WORKER = (
 LOG = logging.getLogger(__name__)
 
 Result = Union[Frame, BrokenFrame]
+# Called with each file as soon as it is read, before the last one is.
+Found = Callable[[Result], None]
 
 
 @dataclass(frozen=True)
@@ -90,8 +92,9 @@ def scan(
     progress: Optional[Progress] = None,
     cancel: Optional[Cancel] = None,
     limits: Thresholds = DEFAULTS,
+    found: Optional[Found] = None,
 ) -> Scan:
-    """Read every image below ``paths`` (files and folders).
+    """Read every image below ``paths`` (files and folders); ``found`` hears of each as it is read.
 
     Symbolic links are followed, each real file is read once, under the first
     of its paths in order. The result does not depend on the order of
@@ -112,7 +115,7 @@ def scan(
                 seen.add(real)
                 files.append((file, shown))
     files.sort(key=lambda f: f[1])
-    results = _read_all(files, progress, cancel, limits)
+    results = _read_all(files, progress, cancel, limits, found)
     frames = [r for r in results if isinstance(r, Frame)]
     broken = [r for r in results if isinstance(r, BrokenFrame)]
     return Scan(tuple(frames), tuple(broken), ignored)
@@ -200,18 +203,28 @@ def _size(file: str) -> int:
 
 
 def _read_all(
-    files: Sequence[Tuple[str, str]], progress: Optional[Progress], cancel: Optional[Cancel], limits: Thresholds
+    files: Sequence[Tuple[str, str]],
+    progress: Optional[Progress],
+    cancel: Optional[Cancel],
+    limits: Thresholds,
+    found: Optional[Found],
 ) -> List[Result]:
     if len(files) > limits.parallel_read_files and sys.executable:
-        return _read_parallel(files, progress, cancel, limits)
+        return _read_parallel(files, progress, cancel, limits, found)
     results: List[Result] = []
     for number, (file, shown) in enumerate(files):
         if number % _STEP == 0:
             check(cancel)
             _tell(progress, number, len(files))
-        results.append(_read_one(file, shown, limits))
+        results.append(_found(_read_one(file, shown, limits), found))
     _tell(progress, len(files), len(files))
     return results
+
+
+def _found(result: Result, found: Optional[Found]) -> Result:
+    if found is not None:
+        found(result)
+    return result
 
 
 def _tell(progress: Optional[Progress], done: int, total: int) -> None:
@@ -220,13 +233,18 @@ def _tell(progress: Optional[Progress], done: int, total: int) -> None:
 
 
 def _read_parallel(
-    files: Sequence[Tuple[str, str]], progress: Optional[Progress], cancel: Optional[Cancel], limits: Thresholds
+    files: Sequence[Tuple[str, str]],
+    progress: Optional[Progress],
+    cancel: Optional[Cancel],
+    limits: Thresholds,
+    found: Optional[Found],
 ) -> List[Result]:
     """Read with workers, each its share in order; what a worker that ended early left over is read here."""
     results: List[Optional[Result]] = [None] * len(files)
     answers: "queue.Queue[Tuple[int, Optional[str]]]" = queue.Queue()
     workers = [_start(files[share::_WORKERS], share, answers, limits) for share in range(_WORKERS)]
     done = [0] * _WORKERS
+    shared: Dict[Any, Any] = {}
     running = {share for share, worker in enumerate(workers) if worker is not None}
     try:
         while running:
@@ -239,8 +257,11 @@ def _read_parallel(
                 running.discard(share)
                 continue
             for item in json.loads(line):
-                results[share + _WORKERS * done[share]] = _unpack(item)
+                result = _unpack(item, shared)
+                results[share + _WORKERS * done[share]] = result
                 done[share] += 1
+                if found is not None:
+                    found(result)
             _tell(progress, sum(done), len(files))
     finally:
         for worker in workers:
@@ -250,7 +271,7 @@ def _read_parallel(
     for index, (file, shown) in enumerate(files):
         if results[index] is None:
             check(cancel)
-            results[index] = _read_one(file, shown, limits)
+            results[index] = _found(_read_one(file, shown, limits), found)
     _tell(progress, len(files), len(files))
     return [r for r in results if r is not None]
 
@@ -307,12 +328,20 @@ def _pack(result: Result) -> List[Any]:
     return ["frame", [{"calibration": _row(v)} if isinstance(v, FileCalibration) else v for v in _row(result)]]
 
 
-def _unpack(item: List[Any]) -> Result:
+def _unpack(item: List[Any], shared: Dict[Any, Any]) -> Result:
+    """A result out of its row; equal texts, tuples and calibrations become one object in ``shared``."""
     kind, row = item
-    return BrokenFrame(*row) if kind == "broken" else Frame(*(_value(v) for v in row))
+    return BrokenFrame(*row) if kind == "broken" else Frame(*(_value(v, shared) for v in row))
 
 
-def _value(value: Any) -> Any:
-    if type(value) is dict:
-        return FileCalibration(*(_value(v) for v in value["calibration"]))
-    return tuple(value) if type(value) is list else value
+def _value(value: Any, shared: Dict[Any, Any]) -> Any:
+    kind = type(value)
+    if kind is str:
+        return sys.intern(value)
+    if kind is dict:
+        value = FileCalibration(*(_value(v, shared) for v in value["calibration"]))
+    elif kind is list:
+        value = tuple(value)
+    else:
+        return value
+    return shared.setdefault(value, value)

@@ -42,6 +42,25 @@ def to_plain(value: Any) -> Any:
     return value
 
 
+def slotted(cls: Type[T]) -> Type[T]:
+    """Give a frozen dataclass slots: a survey holds a hundred thousand frames, and Python 3.9 has no ``slots=True``."""
+    names = tuple(f.name for f in dataclasses.fields(cls))  # type: ignore[arg-type]
+    body = {k: v for k, v in cls.__dict__.items() if k not in (*names, "__dict__", "__weakref__")}
+    body["__slots__"] = names
+
+    def get_state(self: Any) -> Any:
+        return tuple(getattr(self, n) for n in names)
+
+    def set_state(self: Any, state: Any) -> None:
+        for name, value in zip(names, state):
+            object.__setattr__(self, name, value)
+
+    body["__getstate__"], body["__setstate__"] = get_state, set_state
+    made: Type[T] = type(cls.__name__, cls.__bases__, body)
+    made.__qualname__ = cls.__qualname__
+    return made
+
+
 @functools.lru_cache(maxsize=None)
 def _hints(cls: type) -> Dict[str, Any]:
     return typing.get_type_hints(cls)

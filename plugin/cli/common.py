@@ -7,12 +7,15 @@ import json
 import logging
 import sys
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Optional, Set, Tuple, Union
 
 from ...stages.errors import UsageError
+from ...stages.frame import BrokenFrame, Frame
+from ...stages.grouping import camera_name
 from ...stages.progress import Progress
 from ...stages.record import dumps, write_text
 from ...stages.thresholds import DEFAULTS, Thresholds
+from ..report.view import clean_text
 
 LOG = logging.getLogger("sensorgate")
 _MAX_SETTINGS_BYTES = 1 << 20
@@ -146,6 +149,16 @@ class Bars:
             sys.stderr.write(f"\r{stage:<12} {done}/{total or '?'}")
             sys.stderr.flush()
 
+    def say(self, text: str) -> None:
+        """Print a line above the bar; nothing where there is no terminal."""
+        if not self._live:
+            return
+        text = clean_text(text)  # names come from files, and a terminal obeys control characters
+        if self._bar is not None:
+            self._bar.write(text, file=sys.stderr)
+        else:
+            sys.stderr.write(f"\r{text}\n")
+
     def close(self) -> None:
         """End the current bar."""
         if self._bar is not None:
@@ -154,6 +167,25 @@ class Bars:
             sys.stderr.write("\n")
         self._bar = None
         self._stage = ""
+
+
+class Sightings:
+    """Says on a terminal what is found while the reading goes on: each new camera once, each bad file."""
+
+    def __init__(self, bars: Bars) -> None:
+        self._bars = bars
+        self._cameras: Set[Tuple[str, str, int, int]] = set()
+
+    def __call__(self, result: Union[Frame, BrokenFrame]) -> None:
+        """Hear of one file."""
+        if isinstance(result, BrokenFrame):
+            self._bars.say(f"{result.path}: {result.message}")
+            return
+        camera = (result.make, result.model, result.width, result.height)
+        if camera not in self._cameras:
+            self._cameras.add(camera)
+            name = camera_name(result.make, result.model)
+            self._bars.say(f"camera: {name}, {result.width} x {result.height} px (first in {result.path})")
 
 
 def progress_bars() -> Bars:

@@ -10,7 +10,7 @@ from ...stages.finding import ERROR
 from ...stages.record import write_text
 from .. import pipeline
 from ..report.terminal import lines
-from .common import add_input, add_output, emit_json, gsd_target_from, progress_bars, show, thresholds_from
+from .common import Sightings, add_input, add_output, emit_json, gsd_target_from, progress_bars, show, thresholds_from
 
 EXIT = {"consistent": 0, "inconsistent": 1, "blocked": 3}
 
@@ -44,6 +44,7 @@ def call(args: argparse.Namespace) -> int:
                 gsd_target=gsd_target_from(args.gsd_target),
             ),
             progress=bars,
+            found=Sightings(bars),
         )
     finally:
         bars.close()
