@@ -16,7 +16,7 @@ from .captures import seconds
 from .frame import Frame
 from .gate import gps_outliers, incomplete_captures, is_rtk_fixed, kept_bands, rig_kind
 from .harmonize.model import HarmonizedFrame
-from .profile import MULTISPECTRAL, Payload, SurveyFrame
+from .profile import MULTISPECTRAL, CameraProfile, Payload, SurveyFrame
 from .survey import Survey
 from .thresholds import Thresholds
 
@@ -98,6 +98,33 @@ def groups_of(survey: Survey) -> Tuple[Group, ...]:
     return tuple(result)
 
 
+def kin_of(survey: Survey, limits: Thresholds) -> Dict[str, str]:
+    """Payload -> payload of the same camera in another picture size, for the solver to judge as one.
+
+    A body that wrote a few frames of another size (scaled, not cut: same
+    aspect and field of view) is one camera still; alone, those frames would be
+    too few to prove anything.
+    """
+    single = {p.primary: p.id for p in survey.payloads if len(p.profiles) == 1}
+    families: Dict[Tuple[str, str, str], List[CameraProfile]] = defaultdict(list)
+    for profile in survey.profiles:
+        if profile.id in single and profile.intrinsics.focal_ratio:
+            families[(profile.family, profile.serial, profile.mode)].append(profile)
+    kin: Dict[str, str] = {}
+    for members in families.values():
+        ordered = sorted(members, key=lambda p: (-len(p.frames), p.id))
+        for profile in ordered[1:]:
+            for main in ordered:
+                if main is profile or single[main.id] in kin:
+                    break
+                aspect = profile.width * main.height / (profile.height * main.width)
+                field = (profile.intrinsics.focal_ratio or 0.0) / (main.intrinsics.focal_ratio or 1.0)
+                if abs(aspect - 1.0) <= limits.aspect_tolerance and abs(field - 1.0) <= limits.solved_focal_gap:
+                    kin[single[profile.id]] = single[main.id]
+                    break
+    return kin
+
+
 def gps_sigma_of(frame: Frame, limits: Thresholds) -> Tuple[float, float]:
     """Standard deviation of a frame's position, horizontal and vertical, m: RTK's own when fixed, else plain GPS."""
     if is_rtk_fixed(frame.rtk_flag) and frame.rtk_std_m is not None:
@@ -120,6 +147,7 @@ def request_of(
     profiles = survey.profile_of()
     placed = {f.path: f for f in survey.frames}
     wild = set(gps_outliers(survey, limits))
+    kin = kin_of(survey, limits)
     frames: List[AlignFrame] = []
     shapes: Set[Tuple[str, int, int]] = set()
     for path in group.solver_frames:
@@ -137,7 +165,7 @@ def request_of(
                 height=copy.height,
                 profile=where.profile,
                 flight=where.flight,
-                payload=where.payload,
+                payload=kin.get(where.payload, where.payload),
                 capture=where.capture,
                 time_s=seconds(file),
                 position=position,

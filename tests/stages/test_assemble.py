@@ -1,0 +1,61 @@
+"""Groups and requests: what may share a project, and one camera in two sizes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from sensorgate.stages.assemble import groups_of, kin_of, left_out, request_of
+from sensorgate.stages.harmonize.model import HarmonizedFrame
+from sensorgate.stages.thresholds import DEFAULTS
+
+from tests.frames import P4P, strip, survey_of
+
+
+def copies_of(survey):
+    return {f.path: HarmonizedFrame(f.path, f.path, f.name, f.width, f.height, 1.0, "linked") for f in survey.files}
+
+
+def requested(survey):
+    return [request_of(g, survey, copies_of(survey), DEFAULTS) for g in groups_of(survey)]
+
+
+def test_every_usable_frame_is_in_one_group():
+    far = strip(count=8, prefix="F_", latitude=46.95, start="2024-05-01T12:00:00")
+    heat = strip(P4P, 8, prefix="T_", model="ZH20T", width=640, height=512, focal_mm=13.5, focal_35mm=58.0,
+                 thermal_payload="dji", image_source="InfraredCamera")  # fmt: skip
+    survey = survey_of(strip(count=12) + far + heat)
+    groups = groups_of(survey)
+    paths = [p for g in groups for p in g.frames]
+    assert sorted(paths) == sorted(f.path for f in survey.frames)
+    assert [(g.name, g.spectrum, len(g.frames)) for g in groups] == [
+        ("rgb", "rgb", 12),
+        ("rgb-2", "rgb", 8),
+        ("thermal", "thermal", 8),
+    ]
+    assert left_out(survey) == {}
+
+
+def test_one_camera_in_two_sizes_is_judged_as_one():
+    frames = strip(count=12)
+    frames[4] = replace(frames[4], width=2736, height=1824)
+    survey = survey_of(frames)
+    assert len(survey.profiles) == 2
+    (request,) = requested(survey)
+    assert len({f.payload for f in request.frames}) == 1
+    assert len(request.cameras) == 2
+
+
+def test_a_cut_frame_and_another_body_stay_apart():
+    cut = strip(count=12)
+    cut[4] = replace(cut[4], width=3648, height=3648)
+    assert kin_of(survey_of(cut), DEFAULTS) == {}
+    bodies = strip(count=6, serial="A1") + strip(count=6, serial="B2", prefix="X_", width=2736, height=1824)
+    assert kin_of(survey_of(bodies), DEFAULTS) == {}
+
+
+def test_a_wild_position_is_not_given_to_the_solver():
+    frames = strip(count=12)
+    frames[5] = replace(frames[5], latitude=10.0)
+    (request,) = requested(survey_of(frames))
+    assert [f.position for f in request.frames if f.path == frames[5].path] == [None]
+    assert sum(f.position is not None for f in request.frames) == 11
