@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -15,12 +14,17 @@ from ..finding import Finding, sort_key
 from ..frame import Frame
 from ..profile import Payload, SurveyFrame
 from ..progress import Cancel, Progress
-from ..record import to_plain
 from ..thresholds import Thresholds
 from .bands_findings import rig_findings, unused_points
 from .bands_fit import CapturePoints, Fitted, Lenses, cross_checked, errors_px, fit, fit_user_points, passes, witnessed
-from .bands_group import BandOptics, HeightBin, RigCapture, band_optics, height_bins, rig_captures, sample
-from .bands_lens import Lens, Points, lens_of
+from .bands_group import (
+    HeightBin,
+    Rig,
+    RigCapture,
+    find_rig,
+)
+from .bands_lens import Points
+from .bands_measure import Measured, measure, user_points
 from .bands_model import (
     ALIGNED,
     APPLIED,
@@ -33,34 +37,11 @@ from .bands_model import (
     CaptureFit,
     RigPlan,
 )
-from .bands_pool import run_jobs
 from .bands_radiometry import can_be_applied
-from .bands_work import ALWAYS, FALLBACK, MEASURE, NEVER
 from .control_points import ControlPair
-from .resample import missing_opencv
 
-STAGE = "bands"
 FEATURES, AREA, USER, NEIGHBOUR = "features", "area", "control-points", "neighbour"
 PathLike = Union[str, Path]
-Measured = Dict[str, Dict[str, Points]]
-
-
-@dataclass(frozen=True)
-class _Rig:
-    """One payload with all that is known of it before anything is measured."""
-
-    payload: Payload
-    bins: Tuple[HeightBin, ...]
-    primary_lens: Lens
-    optics: Mapping[str, BandOptics]
-    band_of: Mapping[str, str]
-    primary_band: str
-    tagged: Tuple[str, ...]
-
-    def prior(self, profile: str) -> Points:
-        """Where the search starts: the rig's tags, else both bands look the same way."""
-        rigs = self.optics[profile].rigs
-        return rigs[0] if rigs else np.eye(3)
 
 
 def plan_bands(
@@ -82,9 +63,9 @@ def plan_bands(
     where a band has them, they decide. Payloads of one profile have nothing to
     align. Raises ``MissingDependency`` without OpenCV, ``Cancelled``.
     """
-    rigs = [r for r in (_rig(p, frames, files, thresholds) for p in payloads) if r is not None]
-    user, unused = _user_points(rigs, files, control)
-    measured = _measure(rigs, sources, user, thresholds, workers, progress, cancel)
+    rigs = [r for r in (find_rig(p, frames, files, thresholds) for p in payloads) if r is not None]
+    user, unused = user_points(rigs, control)
+    measured = measure(rigs, sources, user, thresholds, workers, progress, cancel)
     plans: List[RigPlan] = []
     fits: List[BandFit] = []
     findings: List[Finding] = [unused_points(name) for name in unused]
@@ -98,122 +79,7 @@ def plan_bands(
     return BandPlan(tuple(plans), tuple(fits)), tuple(sorted(findings, key=sort_key))
 
 
-def _rig(
-    payload: Payload, frames: Sequence[SurveyFrame], files: Mapping[str, Frame], limits: Thresholds
-) -> Optional[_Rig]:
-    if len(payload.profiles) < 2:
-        return None
-    captures = rig_captures(payload, frames, files)
-    if not captures:
-        return None
-    first = captures[0].primary
-    optics: Dict[str, BandOptics] = {}
-    band_of: Dict[str, str] = {}
-    tagged = set()
-    for capture in captures:
-        for profile, band in capture.bands:
-            if files[band.path].radiometry:
-                tagged.add(profile)
-            if profile not in optics:
-                optics[profile] = band_optics(capture.primary, band, files)
-                band_of[profile] = _label(files[band.path], band)
-    lens = lens_of(files[first.path], first.intrinsics)
-    bins = height_bins(captures, limits)
-    return _Rig(payload, bins, lens, optics, band_of, _label(files[first.path], first), tuple(sorted(tagged)))
-
-
-def _label(file: Frame, frame: SurveyFrame) -> str:
-    """The band's name as the file spells it: that is what later readers go by."""
-    return file.bands[0] if len(file.bands) == 1 else frame.band
-
-
-def _user_points(
-    rigs: Sequence[_Rig], files: Mapping[str, Frame], control: Sequence[ControlPair]
-) -> Tuple[Dict[Tuple[str, str], Points], Tuple[str, ...]]:
-    """(Payload, profile) -> the user's points (n, 4), and which pairs of names fit nothing here."""
-    found: Dict[Tuple[str, str], List[Points]] = {}
-    unused = []
-    for pair in control:
-        used = False
-        for turned in (pair, pair.turned()):
-            for rig in rigs:
-                for profile in _profiles_meant(rig, turned):
-                    found.setdefault((rig.payload.id, profile), []).append(np.array(turned.points, np.float64))
-                    used = True
-            if used:
-                break
-        if not used:
-            unused.append(f"{pair.a} / {pair.b}")
-    return {key: np.vstack(parts) for key, parts in found.items()}, tuple(sorted(set(unused)))
-
-
-def _profiles_meant(rig: _Rig, pair: ControlPair) -> List[str]:
-    """Bands of ``rig`` that ``b`` names where ``a`` names the primary."""
-    if pair.a.lower() == rig.primary_band.lower():
-        return [p for p, name in sorted(rig.band_of.items()) if name.lower() == pair.b.lower()]
-    for height_bin in rig.bins:
-        for capture in height_bin.captures:
-            if _is_named(capture.primary.path, pair.a):
-                return [p for p, frame in capture.bands if _is_named(frame.path, pair.b)]
-    return []
-
-
-def _is_named(path: str, name: str) -> bool:
-    return path == name or path.endswith("/" + name)
-
-
-def _measure(
-    rigs: Sequence[_Rig],
-    sources: Mapping[str, PathLike],
-    user: Mapping[Tuple[str, str], Points],
-    limits: Thresholds,
-    workers: int,
-    progress: Optional[Progress],
-    cancel: Optional[Cancel],
-) -> Measured:
-    """Band path -> its control points by each method, from the sampled captures."""
-    jobs: List[Dict[str, Any]] = []
-    for rig in rigs:
-        for height_bin in rig.bins:
-            for count, capture in enumerate(sample(height_bin.captures, int(limits.band_captures))):
-                bands = [
-                    _measure_band(rig, profile, frame, sources, count < limits.band_check_captures)
-                    for profile, frame in capture.bands
-                    if (rig.payload.id, profile) not in user
-                ]
-                if bands:
-                    primary = {"source": str(sources[capture.primary.path]), "lens": to_plain(rig.primary_lens)}
-                    jobs.append({"what": MEASURE, "path": capture.primary.path, "primary": primary, "bands": bands})
-    found: Measured = {}
-    if not jobs:
-        return found
-    with contextlib.closing(run_jobs(jobs, limits, workers=workers, cancel=cancel)) as answers:
-        for count, (_, answer) in enumerate(answers, 1):
-            if answer["state"] == "missing":
-                raise missing_opencv()
-            for path, points in answer.get("points", {}).items():
-                found[path] = {k: np.array(v, np.float64).reshape(-1, 4) for k, v in points.items()}
-            if progress:
-                progress(STAGE, count, len(jobs))
-    return found
-
-
-def _measure_band(
-    rig: _Rig, profile: str, frame: SurveyFrame, sources: Mapping[str, PathLike], check: bool
-) -> Dict[str, Any]:
-    optics = rig.optics[profile]
-    return {
-        "path": frame.path,
-        "source": str(sources[frame.path]),
-        "lens": to_plain(optics.lens),
-        "prior": [float(v) for v in rig.prior(profile).ravel()],
-        "descriptors": (ALWAYS if check else FALLBACK) if optics.descriptors else NEVER,
-    }
-
-
-def _fit_rig(
-    rig: _Rig, measured: Measured, user: Mapping[Tuple[str, str], Points], limits: Thresholds
-) -> List[BandFit]:
+def _fit_rig(rig: Rig, measured: Measured, user: Mapping[Tuple[str, str], Points], limits: Thresholds) -> List[BandFit]:
     """Every band and bin of a rig, unproven bins helped by their neighbours."""
     fits: List[BandFit] = []
     for profile in sorted(rig.optics):
@@ -231,7 +97,7 @@ def _fit_rig(
     return fits
 
 
-def _empty(rig: _Rig, profile: str, height_bin: HeightBin, captures: Sequence[RigCapture], reason: str) -> BandFit:
+def _empty(rig: Rig, profile: str, height_bin: HeightBin, captures: Sequence[RigCapture], reason: str) -> BandFit:
     return BandFit(
         payload=rig.payload.id,
         primary=rig.payload.primary,
@@ -267,7 +133,7 @@ def _filled(empty: BandFit, fitted: Fitted, source: str, state: str, reason: str
 
 
 def _by_user(
-    rig: _Rig,
+    rig: Rig,
     profile: str,
     height_bin: HeightBin,
     captures: Sequence[RigCapture],
@@ -296,7 +162,7 @@ def _told(median_px: float, p95_px: float) -> str:
 
 
 def _by_points(
-    rig: _Rig,
+    rig: Rig,
     profile: str,
     height_bin: HeightBin,
     captures: Sequence[RigCapture],
@@ -346,7 +212,7 @@ def _capture_points(
     return found
 
 
-def _borrowed(fitted: BandFit, others: Sequence[BandFit], rig: _Rig, measured: Measured, limits: Thresholds) -> BandFit:
+def _borrowed(fitted: BandFit, others: Sequence[BandFit], rig: Rig, measured: Measured, limits: Thresholds) -> BandFit:
     """A bin that could not be measured takes its neighbour's homography where parallax between them is below the limit.
 
     Captures that have points and contradict it are named, not warped blindly.
@@ -400,7 +266,7 @@ def _against(fitted: BandFit, other: BandFit, measured: Measured, limits: Thresh
     return tuple(judged)
 
 
-def _rig_plan(rig: _Rig, fits: Sequence[BandFit], sources: Mapping[str, PathLike], limits: Thresholds) -> RigPlan:
+def _rig_plan(rig: Rig, fits: Sequence[BandFit], sources: Mapping[str, PathLike], limits: Thresholds) -> RigPlan:
     refused = sorted({f.profile for f in fits if f.state == REFUSED})
     stay = [f for f in fits if f.profile not in refused]
     warped = sorted({f.profile for f in stay if f.state == WARP})
@@ -417,7 +283,7 @@ def _rig_plan(rig: _Rig, fits: Sequence[BandFit], sources: Mapping[str, PathLike
 
 
 def _radiometry(
-    warped: Sequence[str], fits: Sequence[BandFit], rig: _Rig, sources: Mapping[str, PathLike], limits: Thresholds
+    warped: Sequence[str], fits: Sequence[BandFit], rig: Rig, sources: Mapping[str, PathLike], limits: Thresholds
 ) -> str:
     """Whether all bands that are warped can have their sensor-bound radiometry applied first."""
     concerned = [p for p in warped if p in rig.tagged]

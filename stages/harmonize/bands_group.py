@@ -6,6 +6,8 @@ from collections import defaultdict
 from dataclasses import dataclass
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
+import numpy as np
+
 from ..frame import Frame
 from ..geo import median
 from ..profile import THERMAL, Payload, SurveyFrame
@@ -100,3 +102,51 @@ def band_optics(primary: SurveyFrame, band: SurveyFrame, files: Mapping[str, Fra
     rigs = () if relative is None else (relative, relative.T)
     descriptors = THERMAL not in (primary.spectrum, band.spectrum)
     return BandOptics(lens_of(other, band.intrinsics), descriptors, rigs)
+
+
+@dataclass(frozen=True)
+class Rig:
+    """One payload with all that is known of it before anything is measured."""
+
+    payload: Payload
+    bins: Tuple[HeightBin, ...]
+    primary_lens: Lens
+    optics: Mapping[str, BandOptics]
+    band_of: Mapping[str, str]
+    primary_band: str
+    tagged: Tuple[str, ...]
+
+    def prior(self, profile: str) -> Points:
+        """Where the search starts: the rig's tags, else both bands look the same way."""
+        rigs = self.optics[profile].rigs
+        return rigs[0] if rigs else np.eye(3)
+
+
+def find_rig(
+    payload: Payload, frames: Sequence[SurveyFrame], files: Mapping[str, Frame], limits: Thresholds
+) -> Optional[Rig]:
+    """The payload as a rig; ``None`` where there is nothing to align."""
+    if len(payload.profiles) < 2:
+        return None
+    captures = rig_captures(payload, frames, files)
+    if not captures:
+        return None
+    first = captures[0].primary
+    optics: Dict[str, BandOptics] = {}
+    band_of: Dict[str, str] = {}
+    tagged = set()
+    for capture in captures:
+        for profile, band in capture.bands:
+            if files[band.path].radiometry:
+                tagged.add(profile)
+            if profile not in optics:
+                optics[profile] = band_optics(capture.primary, band, files)
+                band_of[profile] = _label(files[band.path], band)
+    lens = lens_of(files[first.path], first.intrinsics)
+    bins = height_bins(captures, limits)
+    return Rig(payload, bins, lens, optics, band_of, _label(files[first.path], first), tuple(sorted(tagged)))
+
+
+def _label(file: Frame, frame: SurveyFrame) -> str:
+    """The band's name as the file spells it: that is what later readers go by."""
+    return file.bands[0] if len(file.bands) == 1 else frame.band
