@@ -57,7 +57,9 @@ class Thresholds:
     thermal_max_megapixels: float = _number(2.0, "MP", "no thermal sensor that flies has more pixels")
 
     focal_px_min_ratio: float = _number(
-        0.1, "focal over image width", "a calibrated focal without a unit is pixels from here: less would see 157 degrees"
+        0.1,
+        "focal over image width",
+        "a calibrated focal without a unit is pixels from here: less would see 157 degrees",
     )
 
     focal_mm_factor: float = _number(
@@ -79,7 +81,9 @@ class Thresholds:
     capture_spread_slack_s: float = _number(
         0.5, "s", "times under one capture id may differ by this more than the rig's usual spread"
     )
-    flight_gap_s: float = _number(900.0, "s", "a pause longer than this between frames of a profile starts a new flight")
+    flight_gap_s: float = _number(
+        900.0, "s", "a pause longer than this between frames of a profile starts a new flight"
+    )
     flight_gap_m: float = _number(2000.0, "m", "a jump farther than this starts a new flight")
     gps_outlier_m: float = _number(5000.0, "m", "a frame this far from the median of its flight has a wrong position")
     flight_level_gap: float = _number(0.20, "ratio", "heights of one session this far apart are two flights")
@@ -100,7 +104,9 @@ class Thresholds:
         0.015, "ratio of height", "the same where the height is known, the smaller holds: 98 % overlap, no base line"
     )
     altitude_bias_m: float = _number(
-        10.0, "m", "GPS minus relative altitude of two flights of a site farther apart: twice the vertical spread of GPS"
+        10.0,
+        "m",
+        "GPS minus relative altitude of two flights of a site farther apart: twice the vertical spread of GPS",
     )
     oblique_pitch_deg: float = _number(30.0, "degree", "gimbal off nadir by more than this is an oblique frame")
     horizon_pitch_deg: float = _number(80.0, "degree", "gimbal off nadir by more than this looks at the horizon")
@@ -113,13 +119,19 @@ class Thresholds:
     upsample_limit: float = _number(4.0, "ratio linear", "beyond this no detail is left that interpolation could serve")
     max_megapixels: float = _number(60.0, "MP", "largest frame that resampling writes")
     max_input_megapixels: float = _number(
-        400.0, "MP", "a frame larger than this is not decoded: twice the largest aerial sensor, and its memory is bounded"
+        400.0,
+        "MP",
+        "a frame larger than this is not decoded: twice the largest aerial sensor, and its memory is bounded",
     )
     size_snap: float = _number(
-        0.025, "ratio", "one camera's resampled size this near to its other size becomes that size: half the GSD trigger"
+        0.025,
+        "ratio",
+        "one camera's resampled size this near to its other size becomes that size: half the GSD trigger",
     )
     channel_offset_dn: float = _number(15.0, "DN of 255", "mean channel offset above which histograms are matched")
-    tone_pairs: int = _number(8, "pairs", "frame pairs of the same ground that a tone comparison reads; more change little")
+    tone_pairs: int = _number(
+        8, "pairs", "frame pairs of the same ground that a tone comparison reads; more change little"
+    )
     tone_min_pairs: int = _number(3, "pairs", "fewer pairs show scenery, not a sensor's offset")
     tone_pair_distance: float = _number(
         0.5, "ratio of radius", "centres nearer than this: the two discs share two thirds of their ground"
@@ -139,15 +151,21 @@ class Thresholds:
         3.0, "px of the coarser band", "held-out residual, 95th percentile: beyond, parts of the frame are off"
     )
     band_aligned_px: float = _number(0.5, "px", "bands nearer than this everywhere were aligned before: left alone")
-    band_captures: int = _number(30, "captures", "sampled per height bin; more do not move a homography of thousands of points")
-    band_check_captures: int = _number(4, "captures", "of the sample, in which features are matched too, to cross-check")
+    band_captures: int = _number(
+        30, "captures", "sampled per height bin; more do not move a homography of thousands of points"
+    )
+    band_check_captures: int = _number(
+        4, "captures", "of the sample, in which features are matched too, to cross-check"
+    )
     band_height_bin: float = _number(
         0.10, "ratio of height", "one homography per bin: parallax of a rig changes by less than a pixel inside it"
     )
     band_features: int = _number(3000, "features", "per band and capture; exact matching then costs 0.5 s per band")
     band_match_dim_px: int = _number(2048, "px", "longer side at which bands are matched: holds most rigs at full size")
     band_match_ratio: float = _number(
-        0.8, "ratio", "Lowe's ratio inside the search radius: 9 of 10 matches of two real rigs agree with one homography"
+        0.8,
+        "ratio",
+        "Lowe's ratio inside the search radius: 9 of 10 matches of two real rigs agree with one homography",
     )
     band_max_shift: float = _number(
         0.10, "of the longer side", "no rig points its bands farther apart; the next capture of a flight would be"
@@ -172,7 +190,9 @@ class Thresholds:
     band_area_tile_px: int = _number(40, "px of the coarser band", "window of the gradient comparison")
     band_area_score: float = _number(0.35, "correlation", "a window's best place is believed from here")
     band_area_distinct: float = _number(1.2, "ratio", "and where it beats the next best place by this")
-    band_user_points: int = _number(6, "points", "the user's control points per band: three fix an affine, the rest test it")
+    band_user_points: int = _number(
+        6, "points", "the user's control points per band: three fix an affine, the rest test it"
+    )
 
     # --- a look at pixels ----------------------------------------------------------
     look_frames: int = _number(12, "frames", "decoded per colour profile when asked: a conversion shows in every frame")
@@ -199,8 +219,12 @@ class Thresholds:
 
     # --- alignment ---------------------------------------------------------------
     min_inliers: int = _number(30, "matches", "verified matches of a pair; no false pair of two surveys reached it")
-    max_reproj_error_px: float = _number(2.0, "px", "mean reprojection error of an accepted model; necessary, never enough")
-    min_registered_share: float = _number(0.5, "ratio", "a payload with fewer of its frames in the model is not held by it")
+    max_reproj_error_px: float = _number(
+        2.0, "px", "mean reprojection error of an accepted model; necessary, never enough"
+    )
+    min_registered_share: float = _number(
+        0.5, "ratio", "a payload with fewer of its frames in the model is not held by it"
+    )
     min_proof_frames: int = _number(6, "frames", "fewer camera centres cannot contradict a similarity: unproven")
     collinear_ratio: float = _number(
         0.03, "ratio", "second over first singular value of the centres below which they are one line"
@@ -222,7 +246,9 @@ class Thresholds:
     pairs_per_frame: int = _number(12, "pairs", "pairs tried per frame")
     pairs_cross: int = _number(4, "pairs", "of those, at least these to other profiles or flights")
     pairs_strip: int = _number(2, "pairs", "of those, at least these to neighbouring strips")
-    overlap_sigma_factor: float = _number(3.0, "sigma", "footprints farther apart than their radii plus this cannot overlap")
+    overlap_sigma_factor: float = _number(
+        3.0, "sigma", "footprints farther apart than their radii plus this cannot overlap"
+    )
     all_pairs_limit: int = _number(60, "frames", "up to this many frames without GPS every pair is tried")
     retrieval_pairs: int = _number(30, "pairs", "tried by likeness before a payload is isolated")
     min_strong_pairs: int = _number(
@@ -279,9 +305,7 @@ class Thresholds:
     gcp_min_images: int = _number(3, "images", "a point in fewer images is not fixed in height")
     gcp_hull_share: float = _number(0.30, "ratio of block area", "points over a smaller part let the rest tilt")
     gcp_min_points_without_gps: int = _number(3, "points", "a similarity needs three where there is no GPS to lose")
-    accuracy_ratio: float = _number(
-        2.0, "ratio", "position spreads farther apart than this must not be weighted alike"
-    )
+    accuracy_ratio: float = _number(2.0, "ratio", "position spreads farther apart than this must not be weighted alike")
     gcp_far_m: float = _number(1000.0, "m", "no survey frame sees a point this far from its own position")
     max_text_bytes: int = _number(16 * 1024 * 1024, "bytes", "a gcp_list.txt or geo.txt larger than this is not read")
 
