@@ -13,7 +13,7 @@ from ..stages.errors import UsageError
 from ..stages.finding import Finding
 from ..stages.frame import Frame
 from ..stages.gate import is_rtk_fixed
-from ..stages.harmonize.model import HarmonizedFrame
+from ..stages.harmonize.model import HarmonizedFrame, untouched
 from ..stages.survey import Survey
 from ..stages.thresholds import Thresholds
 from .odm.gcp import GcpFile, GcpFrame, align_marks, read_gcp, read_text
@@ -132,10 +132,6 @@ def _position(frame: Frame) -> Optional[Tuple[float, float]]:
     return (frame.latitude, frame.longitude)
 
 
-def _untouched(frames: Sequence[Frame]) -> Dict[str, HarmonizedFrame]:
-    return {f.path: HarmonizedFrame(f.path, f.path, f.name, f.width, f.height, 1.0, "linked") for f in frames}
-
-
 def read_control(gcp: Optional[str], geo: Optional[str], frames: Sequence[Frame], limits: Thresholds) -> Control:
     """Read the files that were given and bind them to the frames. ``UsageError`` where one cannot be read."""
     control = Control(tuple(frames))
@@ -154,7 +150,7 @@ def _file(path: str, option: str) -> Path:
 
 
 def _with_gcp(control: Control, gcp: GcpFile, limits: Thresholds) -> Control:
-    placed = place(gcp, _gcp_frames(control.frames, _untouched(control.frames)), limits)
+    placed = place(gcp, _gcp_frames(control.frames, untouched(control.frames)), limits)
     images: Dict[Tuple[float, float, Optional[float]], Set[str]] = defaultdict(set)
     for mark in placed.marks:
         images[(mark.latitude, mark.longitude, mark.line.point[2])].add(mark.path)

@@ -22,6 +22,7 @@ from ..stages.read import read_frame
 from ..stages.record import to_plain
 from ..stages.route import ProvenGroup
 from ..stages.survey import Survey
+from ..stages.thresholds import Thresholds
 from .inspection import Inspection
 from .odm.camera_id import camera_id, file_key
 from .odm.cameras import CalibrationPlan, CameraDecision, ProjectFrame, calibration_for, decision_from_intrinsics
@@ -222,7 +223,7 @@ def _decide(
         geo_has_accuracies=ground.geo_text is not None,
     )
     options = options_for(needs)
-    alignment = _alignment(item.proven, survey)
+    alignment = _alignment(item.proven, survey, settings.thresholds)
     write_project(
         folder,
         options=options,
@@ -275,7 +276,7 @@ def _rounded(value: Optional[float], digits: int = 4) -> Optional[float]:
     return None if value is None else round(value, digits)
 
 
-def _alignment(proven: ProvenGroup, survey: Survey) -> Optional[Dict[str, Any]]:
+def _alignment(proven: ProvenGroup, survey: Survey, limits: Thresholds) -> Optional[Dict[str, Any]]:
     """The figures of the alignment in the report's shape, rounded to what repeats."""
     found: Optional[AlignmentReport] = proven.alignment
     if found is None:
@@ -298,8 +299,8 @@ def _alignment(proven: ProvenGroup, survey: Survey) -> Optional[Dict[str, Any]]:
         "anchor": found.anchor,
         "gps_horizontal_m": _rounded(horizontal),
         "gps_vertical_m": _rounded(vertical),
-        "gps_limit_horizontal_m": None if sigma_h is None else _rounded(2.0 * sigma_h),
-        "gps_limit_vertical_m": None if sigma_v is None else _rounded(2.0 * sigma_v),
+        "gps_limit_horizontal_m": None if sigma_h is None else _rounded(limits.gps_sigma_factor * sigma_h),
+        "gps_limit_vertical_m": None if sigma_v is None else _rounded(limits.gps_sigma_factor * sigma_v),
         "bowing_radius_m": _rounded(found.bowing.radius_m, 2),
         "median_inliers": found.median_inliers,
         "payloads": to_plain(found.payloads),

@@ -12,7 +12,7 @@ from .align.model import AlignmentReport, AlignRequest
 from .errors import BlockedError, InconsistentProfiles
 from .finding import ERROR
 from .gate import assess
-from .harmonize.model import HarmonizedFrame
+from .harmonize.model import untouched
 from .read import scan
 from .sensors import load_sheet
 from .survey import Survey, build
@@ -69,8 +69,7 @@ def requests_for(survey: Survey, thresholds: Thresholds = DEFAULTS) -> List[Alig
     """The solver's requests for a survey as it is, pixels untouched."""
     from .assemble import groups_of, request_of
 
-    copies = {f.path: HarmonizedFrame(f.path, f.path, f.name, f.width, f.height, 1.0, "linked") for f in survey.files}
-    return [request_of(group, survey, copies, thresholds) for group in groups_of(survey)]
+    return [request_of(group, survey, untouched(survey.files), thresholds) for group in groups_of(survey)]
 
 
 def run_locked_sfm(image_dir: Folder, workspace: Optional[Folder] = None) -> AlignmentReport:

@@ -10,7 +10,7 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 from .captures import seconds
 from .frame import Frame
 from .geo import distance_m, median
-from .intrinsics import Intrinsics
+from .intrinsics import Intrinsics, gsd_cm_from_ratio
 from .profile import CameraProfile, Flight
 from .thresholds import Thresholds
 
@@ -36,13 +36,13 @@ def height_above_ground(frame: Frame, ground_m: Optional[float], limits: Thresho
 
 
 def gsd_cm(intrinsics: Intrinsics, height_m: Optional[float], width_px: int) -> Optional[float]:
-    """Ground sampling distance in cm: 100 h / (focal_ratio * width) = 100 sensor_width h / (focal width).
+    """Ground sampling distance in cm by ``gsd_cm_from_ratio``.
 
     ``None`` where the height is unknown or not positive, or the focal unknown.
     """
     if height_m is None or height_m <= 0 or not intrinsics.focal_ratio or width_px <= 0:
         return None
-    return 100.0 * height_m / (intrinsics.focal_ratio * width_px)
+    return gsd_cm_from_ratio(intrinsics.focal_ratio, height_m, width_px)
 
 
 def _time_order(frames: Sequence[Frame]) -> List[Frame]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Dict, Iterable, Optional, Tuple
+
+from ..frame import Frame
 
 
 @dataclass(frozen=True)
@@ -73,3 +75,8 @@ class HarmonizedFrame:
     height: int
     scale: float
     how: str
+
+
+def untouched(frames: Iterable[Frame]) -> Dict[str, HarmonizedFrame]:
+    """Path -> the frame as it is, where nothing was harmonized."""
+    return {f.path: HarmonizedFrame(f.path, f.path, f.name, f.width, f.height, 1.0, "linked") for f in frames}

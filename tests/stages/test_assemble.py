@@ -5,18 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sensorgate.stages.assemble import groups_of, kin_of, left_out, request_of
-from sensorgate.stages.harmonize.model import HarmonizedFrame
+from sensorgate.stages.harmonize.model import untouched
 from sensorgate.stages.thresholds import DEFAULTS
 
 from tests.frames import P4P, strip, survey_of
 
 
-def copies_of(survey):
-    return {f.path: HarmonizedFrame(f.path, f.path, f.name, f.width, f.height, 1.0, "linked") for f in survey.files}
-
-
 def requested(survey):
-    return [request_of(g, survey, copies_of(survey), DEFAULTS) for g in groups_of(survey)]
+    return [request_of(g, survey, untouched(survey.files), DEFAULTS) for g in groups_of(survey)]
 
 
 def test_every_usable_frame_is_in_one_group():
