@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Union
 
+from ..stages.errors import UsageError
 from ..stages.finding import Finding, sort_key
 from ..stages.gate import BLOCKED, GateReport, assess, verdict_of
 from ..stages.look import look
@@ -23,6 +25,21 @@ from .odm.predict import Prediction, predict
 from .odm.thermal import thermal_reading
 
 
+_FILES = ("calibration", "control_points", "gcp", "geo")
+
+
+def _content_hash(file: str, option: str) -> str:
+    """SHA-256, hex, of a small file: a list edited between two runs is another input."""
+    digest = hashlib.sha256()
+    try:
+        with open(file, "rb") as stream:
+            for block in iter(lambda: stream.read(1 << 20), b""):
+                digest.update(block)
+    except OSError as error:
+        raise UsageError(f"--{option.replace('_', '-')}: {file} cannot be read ({error.strerror}).") from None
+    return digest.hexdigest()
+
+
 @dataclass(frozen=True)
 class Settings:
     """Everything that decides the outcome besides the imagery; echoed in ``plan.json``."""
@@ -38,18 +55,24 @@ class Settings:
     max_dim: Optional[int] = None
     align: bool = True
     look: bool = False
+    control_points: Optional[str] = None
 
     def identity(self) -> Dict[str, Any]:
         """Everything that decides, thresholds too; two runs with equal inputs and identity give equal bytes."""
         return {**self.options(), "thresholds": to_plain(self.thresholds)}
 
     def options(self) -> Dict[str, Any]:
-        """The arguments that differ from their default, thresholds apart."""
-        return {
+        """The arguments that differ from their default, thresholds apart, with the content hash of each file.
+
+        Raises ``UsageError`` where a file that was named cannot be read.
+        """
+        changed = {
             f.name: getattr(self, f.name)
             for f in dataclasses.fields(self)
             if f.name != "thresholds" and getattr(self, f.name) != f.default
         }
+        hashes = {f"{name}_sha256": _content_hash(changed[name], name) for name in _FILES if name in changed}
+        return {**changed, **hashes}
 
 
 DEFAULT_SETTINGS = Settings()

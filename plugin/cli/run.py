@@ -26,6 +26,9 @@ def register(verbs: Any) -> None:
     parser.add_argument("--gcp", metavar="FILE", help="ground control points in ODM's gcp_list.txt format")
     parser.add_argument("--force-gcp", action="store_true", help="let ground control replace GPS where it is enough")
     parser.add_argument("--geo", metavar="FILE", help="positions in ODM's geo.txt format")
+    parser.add_argument(
+        "--control-points", metavar="FILE", help="points seen in two bands of a rig (JSON or CSV); they win"
+    )
     parser.add_argument("--engine", choices=("pycolmap", "colmap"), default="pycolmap", help="solver of the alignment")
     parser.add_argument("--max-dim", type=int, metavar="PX", help="longer side of the frames in the alignment")
     parser.add_argument("--no-align", action="store_true", help="write projects by metadata alone (unproven)")
@@ -56,6 +59,7 @@ def call(args: argparse.Namespace) -> int:
                 engine=args.engine,
                 max_dim=args.max_dim,
                 align=not args.no_align,
+                control_points=args.control_points,
             ),
             work=Path(args.work) if args.work else None,
             resume=args.resume,
