@@ -7,18 +7,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from ..stages.assemble import Group, groups_of, left_out, request_of
+from ..stages.assemble import Group, request_of
 from ..stages.errors import BlockedError, MissingDependency, SensorgateError
 from ..stages.finding import Finding, sort_key
-from ..stages.frame import BrokenFrame
 from ..stages.gate import BLOCKED
 from ..stages.harmonize.model import HarmonizedFrame
 from ..stages.progress import Cancel, Progress, check
 from ..stages.read import Found
 from ..stages.record import dumps, to_plain, write_text
-from ..stages.survey import Survey
+from .harmonizing import harmonize
 from .inspection import DEFAULT_SETTINGS, Inspection, Settings, inspect
-from .odm.names import mask_name, output_names
 from .placing import Placed, place, without_alignment
 from .report import build as reporting
 from .workfolder import WorkFolder, disk_errors, open_folder
@@ -138,126 +136,21 @@ def blocked_message(inspection: Inspection) -> str:
 def _produce(
     inspection: Inspection, folder: WorkFolder, progress: Optional[Progress], cancel: Optional[Cancel]
 ) -> Dict[str, Any]:
-    survey = inspection.survey
-    dropped = left_out(survey)
-    groups = groups_of(survey)
-    wanted = sorted(path for group in groups for path in group.frames)
-    payload_of = {f.path: f.payload for f in survey.frames}
-    names = output_names({path: payload_of[path] for path in wanted})
-    inspection, extra = _learn_radiometry(inspection, progress, cancel)
-    copies, failed = _harmonize(inspection, folder, names, wanted, progress, cancel)
-    for item in failed:
-        dropped[item.path] = item.code
-        extra.append(_failed_finding(item))
-    dropped.update(_orphaned(groups, survey, copies))
-    groups = tuple(g for g in (_kept(g, copies, dropped) for g in groups) if g.frames)
+    ready = harmonize(inspection, folder, progress, cancel)
+    inspection = ready.inspection
     placed: List[Placed] = []
-    for group in groups:
+    for group in ready.groups:
         check(cancel)
-        placed.extend(_prove(group, inspection, folder, copies, progress, cancel))
+        placed.extend(_prove(group, inspection, folder, ready.copies, progress, cancel))
     placed = _apart(placed)
-    written = place(placed, inspection, copies, folder.folder("result"))
-    survey = replace(
-        inspection.survey,
-        frames=tuple(replace(f, excluded=dropped.get(f.path, f.excluded)) for f in inspection.survey.frames),
-    )
-    inspection = replace(inspection, survey=survey)
-    findings = tuple(sorted([*inspection.findings, *extra, *written.findings], key=sort_key))
+    written = place(placed, inspection, ready, folder.folder("result"))
+    frames = tuple(replace(f, excluded=ready.dropped.get(f.path, f.excluded)) for f in inspection.survey.frames)
+    inspection = replace(inspection, survey=replace(inspection.survey, frames=frames))
+    findings = tuple(sorted([*inspection.findings, *ready.findings, *written.findings], key=sort_key))
     report = _report(inspection, findings, written.record)
     _conserve(report)
-    _write_reports(report, inspection, folder, copies)
+    _write_reports(report, inspection, folder, ready.copies)
     return report
-
-
-def _learn_radiometry(
-    inspection: Inspection, progress: Optional[Progress], cancel: Optional[Cancel]
-) -> Tuple[Inspection, List[Finding]]:
-    """Learn channel tables from ground that two profiles share, and plan again with them."""
-    from ..stages.harmonize import learn_luts, plan
-
-    survey, settings = inspection.survey, inspection.settings
-    usable = [f for f in survey.frames if f.excluded is None]
-    files = survey.file_of()
-    luts, findings = learn_luts(
-        usable,
-        files,
-        {f.path: Path(f.path) for f in usable},
-        survey.profiles,
-        survey.flights,
-        settings.thresholds,
-        progress=progress,
-        cancel=cancel,
-    )
-    planned, _ = plan(
-        usable,
-        files,
-        survey.profiles,
-        survey.flights,
-        settings.thresholds,
-        gsd_target=settings.gsd_target,
-        luts=luts,
-    )
-    return replace(inspection, assessed=replace(inspection.assessed, plan=planned)), list(findings)
-
-
-def _harmonize(
-    inspection: Inspection,
-    folder: WorkFolder,
-    names: Mapping[str, str],
-    wanted: Sequence[str],
-    progress: Optional[Progress],
-    cancel: Optional[Cancel],
-) -> Tuple[Dict[str, HarmonizedFrame], Tuple[BrokenFrame, ...]]:
-    from ..stages.harmonize import apply
-
-    images = folder.folder("images")
-    keep = set(wanted)
-    plan = inspection.assessed.plan
-    actions = tuple(
-        replace(a, frames=tuple(p for p in a.frames if p in keep))
-        for a in plan.actions
-        if any(p in keep for p in a.frames)
-    )
-    done, failed = apply(
-        replace(plan, actions=actions),
-        inspection.survey.file_of(),
-        {path: Path(path) for path in wanted},
-        {path: images / names[path] for path in wanted},
-        thresholds=inspection.settings.thresholds,
-        journal=folder.scratch / "harmonized.json",
-        masks={
-            path: (Path(mask), images / mask_name(names[path], Path(mask).name))
-            for path, mask in inspection.masks.items()
-            if path in keep
-        },
-        progress=progress,
-        cancel=cancel,
-    )
-    return {h.path: h for h in done}, tuple(failed)
-
-
-def _failed_finding(item: BrokenFrame) -> Finding:
-    return Finding(
-        code=item.code,
-        severity="error",
-        subjects=(item.path,),
-        message=f"{item.path.rsplit('/', 1)[-1]}: {item.message}",
-        remedy="Copy the file from the card again and run once more with --resume.",
-    )
-
-
-def _orphaned(groups: Sequence[Group], survey: Survey, copies: Mapping[str, HarmonizedFrame]) -> Dict[str, str]:
-    """Bands of a capture whose other bands could not be written."""
-    capture = {f.path: (f.payload, f.capture) for f in survey.frames}
-    lost = {capture[p] for g in groups for p in g.frames if p not in copies}
-    return {p: "capture-incomplete" for g in groups for p in g.frames if p in copies and capture[p] in lost}
-
-
-def _kept(group: Group, copies: Mapping[str, HarmonizedFrame], dropped: Mapping[str, str]) -> Group:
-    def keep(paths: Sequence[str]) -> Tuple[str, ...]:
-        return tuple(p for p in paths if p in copies and p not in dropped)
-
-    return replace(group, frames=keep(group.frames), solver_frames=keep(group.solver_frames))
 
 
 def _prove(

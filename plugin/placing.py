@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ..stages.align.model import AlignmentReport
-from ..stages.assemble import Group, primary_of
+from ..stages.assemble import Group
 from ..stages.errors import SensorgateError
 from ..stages.finding import Finding
 from ..stages.flights import PANEL
 from ..stages.gate import is_rtk_fixed
 from ..stages.grouping import slug
+from ..stages.harmonize.bands_model import APPLIED, VOIDED
 from ..stages.harmonize.model import HarmonizedFrame
 from ..stages.intrinsics import SOURCES, Intrinsics
 from ..stages.profile import CameraProfile
@@ -23,7 +24,9 @@ from ..stages.record import to_plain
 from ..stages.route import ProvenGroup
 from ..stages.survey import Survey
 from ..stages.thresholds import Thresholds
+from .harmonizing import Harmonized
 from .inspection import Inspection
+from .odm.bands import band_name
 from .odm.camera_id import camera_id, file_key
 from .odm.cameras import CalibrationPlan, CameraDecision, ProjectFrame, calibration_for, decision_from_intrinsics
 from .odm.names import mask_name
@@ -71,7 +74,8 @@ def project_names(placed: Sequence[Placed]) -> Tuple[str, ...]:
         name = spectrum
         if count[spectrum] > 1:
             first = slug(item.proven.payloads[0].replace("/rig", "").replace(f"/{spectrum}", ""))
-            name = f"{spectrum}-{first}"[:60].rstrip("-.")
+            band = f"-{slug(item.group.lone_band)}" if item.group.lone_band else ""
+            name = f"{spectrum}-{first}"[: 60 - len(band)].rstrip("-.") + band
         unique, number = name, 1
         while unique in names:
             number += 1
@@ -131,10 +135,9 @@ def _link(source: Path, target: Path) -> None:
         os.replace(beside, target)
 
 
-def place(
-    placed: Sequence[Placed], inspection: Inspection, copies: Mapping[str, HarmonizedFrame], result: Path
-) -> Placing:
+def place(placed: Sequence[Placed], inspection: Inspection, ready: Harmonized, result: Path) -> Placing:
     """Write every project into ``result/projects``; what an earlier try left there is replaced."""
+    copies = ready.copies
     root = result / "projects"
     if root.exists():
         shutil.rmtree(root)
@@ -149,12 +152,12 @@ def place(
             raise SensorgateError(f"The project {name} would have no frame. Please report this.")
         _fill_images(root / name / "images", paths, copies, inspection.masks)
         outputs.update({p: f"projects/{name}/images/{copies[p].name}" for p in paths})
-        project, said, held = _decide(name, item, paths, inspection, copies, root / name)
+        project, said, held = _decide(name, item, paths, inspection, ready, root / name)
         _keep_panels(root / name, project.payloads, inspection.survey)
         projects.append(project)
         findings.extend(said)
         locks.update(held)
-    record = Written(tuple(projects), outputs, {p: copies[p] for p in outputs}, locks)
+    record = Written(tuple(projects), outputs, {p: copies[p] for p in outputs}, locks, ready.bands)
     return Placing(record, tuple(findings))
 
 
@@ -166,7 +169,7 @@ def _fill_images(
     for path in paths:
         copy = copies[path]
         _link(Path(copy.file), images / copy.name)
-        if path in masks:
+        if path in masks and copy.how != "warped":  # ODM reads the masks of the primary band only
             name = mask_name(copy.name, Path(masks[path]).name)
             _link(Path(copy.file).with_name(name), images / name)
 
@@ -187,17 +190,14 @@ def _decide(
     item: Placed,
     paths: Sequence[str],
     inspection: Inspection,
-    copies: Mapping[str, HarmonizedFrame],
+    ready: Harmonized,
     folder: Path,
 ) -> Tuple[SubProject, List[Finding], Dict[str, Tuple[bool, str]]]:
     """Decide calibration, ground control and options of one project and write them."""
     survey, settings = inspection.survey, inspection.settings
     at = {f.path: f for f in survey.frames}
-    primaries = {primary_of(survey, p) for p in survey.payloads}
-    headers = [
-        ProjectFrame(read_frame(folder / "images" / copies[p].name, p), at[p].profile, at[p].profile in primaries)
-        for p in paths
-    ]
+    copies, seen = ready.copies, set(item.proven.frames)
+    headers = [ProjectFrame(read_frame(folder / "images" / copies[p].name, p), at[p].profile, p in seen) for p in paths]
     used = {at[p].profile for p in paths}
     profiles = [p for p in survey.profiles if p.id in used]
     decisions = _decisions(item.proven, profiles)
@@ -210,12 +210,17 @@ def _decide(
     )
     own = set(paths)
     fixed = all(is_rtk_fixed(h.frame.rtk_flag) for h in headers)
+    bands = _bands_of(headers, item, survey, ready)
     needs = OptionNeeds(
         lock=calibration.lock,
         cameras_cover_all=calibration.covers_all,
         # No solver figure may stand in odm.sh: it is equal byte for byte between runs.
         lock_reason="; ".join(sorted({d.reason for p, d in decisions.items() if d.lock and p in solved})),
-        radiometry_changed=any(a.radiometric_none and own & set(a.frames) for a in inspection.assessed.plan.actions),
+        bands_aligned=bands.aligned,
+        primary_band=bands.primary,
+        radiometry_applied=bands.radiometry == APPLIED,
+        radiometry_changed=bands.radiometry == VOIDED
+        or any(a.radiometric_none and own & set(a.frames) for a in inspection.assessed.plan.actions),
         has_gcp=ground.gcp_text is not None,
         force_gcp=settings.force_gcp,
         keep_gps=ground.gcp_text is not None and not settings.force_gcp and fixed,
@@ -248,6 +253,32 @@ def _decide(
     )
     locks = {p.id: (calibration.lock and p.id in solved, decisions[p.id].reason or unheld) for p in profiles}
     return record, [*calibration.findings, *ground.findings], locks
+
+
+@dataclass(frozen=True)
+class _Bands:
+    """What laying the bands on each other means for one project."""
+
+    aligned: bool = False
+    primary: Optional[str] = None
+    radiometry: str = ""
+
+
+def _bands_of(headers: Sequence[ProjectFrame], item: Placed, survey: Survey, ready: Harmonized) -> _Bands:
+    """Aligned where every band beside the primary was laid on it or lay there already."""
+    payload_of = {f.path: f.payload for f in survey.frames}
+    rigs = {r.payload: r for r in ready.bands.rigs}
+    beside = [h for h in headers if not h.primary]
+    plans = [rigs.get(payload_of[h.frame.path]) for h in beside]
+    if not beside or not all(plan and h.profile in plan.aligned for h, plan in zip(beside, plans)):
+        return _Bands()
+    first = next(h for h in headers if h.primary)
+    radiometry = {plan.radiometry for plan in plans if plan}
+    return _Bands(
+        aligned=True,
+        primary=band_name(first.frame),
+        radiometry=VOIDED if VOIDED in radiometry else APPLIED if APPLIED in radiometry else "",
+    )
 
 
 def _calibration_rows(

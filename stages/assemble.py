@@ -26,7 +26,8 @@ class Group:
     """Frames that may share one project: one spectrum, one area, and one kind of rig where there are bands.
 
     ``frames`` are all paths of the group, ``solver_frames`` those that the
-    solver sees (the primary band), both sorted.
+    solver sees (the primary band), both sorted. ``lone_band`` names the band
+    where the group is one that could not be laid on its rig's primary.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Group:
     payloads: Tuple[str, ...]
     frames: Tuple[str, ...]
     solver_frames: Tuple[str, ...]
+    lone_band: str = ""
 
 
 def left_out(survey: Survey) -> Dict[str, str]:
@@ -58,10 +60,17 @@ def primary_of(survey: Survey, payload: Payload) -> str:
     return next((p for p in payload.profiles if profiles[p].band in kept), payload.primary)
 
 
-def groups_of(survey: Survey) -> Tuple[Group, ...]:
-    """Cut the usable frames into groups, each a candidate for one project."""
+def groups_of(survey: Survey, refused: Optional[Mapping[str, Sequence[str]]] = None) -> Tuple[Group, ...]:
+    """Cut the usable frames into groups, each a candidate for one project.
+
+    ``refused`` is payload -> profiles of a rig that could not be laid on its
+    primary: each becomes a group of its own, and the rig is of the kind that
+    its other bands make.
+    """
+    refused = refused or {}
     dropped = left_out(survey)
     area = survey.area_of()
+    profiles = survey.profile_of()
     payloads = {p.id: p for p in survey.payloads}
     primary = {p.id: primary_of(survey, p) for p in survey.payloads}
     rig_area: Dict[Tuple[str, str], int] = {}
@@ -72,10 +81,14 @@ def groups_of(survey: Survey) -> Tuple[Group, ...]:
     members: Dict[Tuple[str, Tuple[str, ...], int], List[SurveyFrame]] = defaultdict(list)
     for frame in usable:
         payload = payloads[frame.payload]
+        alone = refused.get(payload.id, ())
         kind: Tuple[str, ...] = ()
         if payload.spectrum == MULTISPECTRAL:
             make, model, bands = rig_kind(payload, survey)
-            kind = (make, model, *bands)
+            gone = {profiles[p].band for p in alone}
+            kind = ("rig", make, model, *(b for b in bands if b not in gone))
+            if frame.profile in alone:
+                kind = ("single band", make, model, frame.band)
         place = rig_area.get((frame.payload, frame.capture), area[frame.flight])
         members[(payload.spectrum, kind, place)].append(frame)
     by_spectrum: Dict[str, int] = defaultdict(int)
@@ -85,6 +98,7 @@ def groups_of(survey: Survey) -> Tuple[Group, ...]:
         by_spectrum[spectrum] += 1
         number = by_spectrum[spectrum]
         frames = members[key]
+        lone = {f.profile for f in frames if f.profile in refused.get(f.payload, ())}
         result.append(
             Group(
                 name=spectrum if number == 1 else f"{spectrum}-{number}",
@@ -92,7 +106,8 @@ def groups_of(survey: Survey) -> Tuple[Group, ...]:
                 area=place,
                 payloads=tuple(sorted({f.payload for f in frames})),
                 frames=tuple(sorted(f.path for f in frames)),
-                solver_frames=tuple(sorted(f.path for f in frames if f.profile == primary[f.payload])),
+                solver_frames=tuple(sorted(f.path for f in frames if f.profile in (primary[f.payload], *lone))),
+                lone_band=frames[0].band if lone else "",
             )
         )
     return tuple(result)

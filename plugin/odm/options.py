@@ -48,7 +48,9 @@ class OptionNeeds:
     ``lock`` wants the intrinsics held and ``cameras_cover_all`` says that the
     cameras file has an entry for every camera id that enters ODM's solver.
     ``bands_aligned`` is set where the band files were warped onto the primary
-    band, named ``primary_band``. ``radiometry_changed`` is set where pixel
+    band, named ``primary_band``; ``radiometry_applied`` where black level,
+    vignette and row gradient went into the warped pixels, which ODM then has
+    to apply to the primary band too. ``radiometry_changed`` is set where pixel
     values were altered. ``gps_accuracy_m`` is one accuracy for all frames;
     ``geo_has_accuracies`` that ``geo.txt`` gives one per frame.
     ``keep_gps`` keeps GPS beside ground control (all frames RTK fixed).
@@ -59,6 +61,7 @@ class OptionNeeds:
     lock_reason: str = ""
     bands_aligned: bool = False
     primary_band: Optional[str] = None
+    radiometry_applied: bool = False
     radiometry_changed: bool = False
     has_gcp: bool = False
     force_gcp: bool = False
@@ -93,6 +96,9 @@ def _wanted(needs: OptionNeeds) -> List[Option]:
         wanted.append(
             Option("radiometric-calibration", "none", "pixel values were changed, so they are no raw sensor numbers")
         )
+    elif needs.radiometry_applied:
+        why = "black level and vignette are applied in the aligned bands already; the primary band needs them too"
+        wanted.append(Option("radiometric-calibration", "camera", why))
     if needs.has_gcp and needs.force_gcp:
         wanted.append(Option("force-gcp", True, "asked for, and this stack has the option"))
     if needs.has_gcp and needs.keep_gps and not needs.force_gcp:

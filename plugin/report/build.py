@@ -14,12 +14,14 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 from ...stages.finding import Finding
 from ...stages.frame import Frame
 from ...stages.gate import is_rtk_fixed
+from ...stages.harmonize.bands_model import BandPlan
 from ...stages.harmonize.model import FlightAction, HarmonizedFrame, HarmonizePlan, Lut
 from ...stages.profile import CameraProfile, SurveyFrame
 from ...stages.record import to_plain
 from ...stages.survey import Survey
 from ...stages.thresholds import DEFAULTS, Thresholds
 from ..version import VERSION
+from .bands import bands_record
 
 SCHEMA_VERSION = "1.0"
 
@@ -58,6 +60,7 @@ class Written:
     outputs: Mapping[str, str] = field(default_factory=dict)
     copies: Mapping[str, HarmonizedFrame] = field(default_factory=dict)
     locks: Mapping[str, Tuple[bool, str]] = field(default_factory=dict)
+    bands: BandPlan = BandPlan()
 
 
 def digest_of(survey: Survey, options: Mapping[str, Any]) -> str:
@@ -115,6 +118,7 @@ def build(
         "profiles": [_profile(p, odm_ids, done) for p in survey.profiles],
         "findings": tuple(findings),
         "actions": [_action(a, plan.luts) for a in plan.actions],
+        "bands": bands_record(done.bands),
         "subprojects": done.subprojects,
         "odm": {"projects": 1, "notes": list(odm_notes)} if odm_ids else None,
         "thresholds": {

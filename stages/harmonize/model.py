@@ -65,7 +65,8 @@ class HarmonizedFrame:
     """One frame as it goes into a project.
 
     ``how`` is ``linked``, ``copied``, ``retagged`` (header only), ``matched``
-    (colours only, same size) or ``resampled``.
+    (colours only, same size), ``resampled`` or ``warped`` (a band laid on its
+    rig's primary).
     """
 
     path: str

@@ -55,3 +55,23 @@ def test_a_wild_position_is_not_given_to_the_solver():
     (request,) = requested(survey_of(frames))
     assert [f.position for f in request.frames if f.path == frames[5].path] == [None]
     assert sum(f.position is not None for f in request.frames) == 11
+
+
+def test_a_refused_band_leaves_the_rig_and_the_rig_is_of_another_kind():
+    bands = ("Blue", "Green", "Red")
+    rig = dict(make="MicaSense", model="RedEdge", width=1280, height=960, focal_mm=5.5, focal_35mm=None, bits=16)
+    frames = [
+        replace(f, bands=(band,), capture_id=f"c{i}", path=f"/m/{i}_{n}.tif", name=f"{i}_{n}.tif", format="tiff")
+        for n, band in enumerate(bands)
+        for i, f in enumerate(strip(count=6, **rig))
+    ]
+    survey = survey_of(frames)
+    (payload,) = survey.payloads
+    (whole,) = groups_of(survey)
+    assert len(whole.frames) == 18 and len(whole.solver_frames) == 6 and not whole.lone_band
+    lone = next(p for p in payload.profiles if p != payload.primary)
+    main, apart = groups_of(survey, {payload.id: (lone,)})
+    assert len(main.frames) == 12 and main.solver_frames == whole.solver_frames
+    assert apart.frames == apart.solver_frames and len(apart.frames) == 6
+    assert apart.lone_band == survey.profile_of()[lone].band
+    assert sorted(main.frames + apart.frames) == sorted(whole.frames)

@@ -36,6 +36,13 @@ def test_aligned_bands_keep_their_primary_and_are_not_aligned_again() -> None:
 def test_changed_pixels_are_not_calibrated_to_reflectance() -> None:
     found = options_for(OptionNeeds(radiometry_changed=True))
     assert [(o.name, o.value) for o in found] == [("radiometric-calibration", "none")]
+    both = options_for(OptionNeeds(radiometry_changed=True, radiometry_applied=True))
+    assert [(o.name, o.value) for o in both] == [("radiometric-calibration", "none")]
+
+
+def test_what_the_bands_have_applied_the_primary_gets_from_odm() -> None:
+    found = options_for(OptionNeeds(radiometry_applied=True))
+    assert [(o.name, o.value) for o in found] == [("radiometric-calibration", "camera")]
 
 
 def test_gps_accuracy_would_overrule_the_accuracies_of_geo_txt() -> None:
