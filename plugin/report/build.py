@@ -60,7 +60,7 @@ class Written:
     outputs: Mapping[str, str] = field(default_factory=dict)
     copies: Mapping[str, HarmonizedFrame] = field(default_factory=dict)
     locks: Mapping[str, Tuple[bool, str]] = field(default_factory=dict)
-    bands: BandPlan = BandPlan()
+    bands: BandPlan = field(default_factory=BandPlan)
 
 
 def digest_of(survey: Survey, options: Mapping[str, Any]) -> str:

@@ -59,11 +59,10 @@ def test_a_wild_position_is_not_given_to_the_solver():
 
 def test_a_refused_band_leaves_the_rig_and_the_rig_is_of_another_kind():
     bands = ("Blue", "Green", "Red")
-    rig = dict(make="MicaSense", model="RedEdge", width=1280, height=960, focal_mm=5.5, focal_35mm=None, bits=16)
     frames = [
-        replace(f, bands=(band,), capture_id=f"c{i}", path=f"/m/{i}_{n}.tif", name=f"{i}_{n}.tif", format="tiff")
+        replace(f, bands=(band,), capture_id=f"c{i}", path=f"/m/{i}_{n}.tif", format="tiff", bits=16, focal_35mm=None)
         for n, band in enumerate(bands)
-        for i, f in enumerate(strip(count=6, **rig))
+        for i, f in enumerate(strip(count=6, make="MicaSense", model="RedEdge", width=1280, height=960, focal_mm=5.5))
     ]
     survey = survey_of(frames)
     (payload,) = survey.payloads
