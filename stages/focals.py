@@ -103,9 +103,7 @@ def from_sheet(frame: Frame, row: Optional[SheetRow], thresholds: Thresholds, no
     """
     zoom, tag = digital_zoom(frame), positive(frame.focal_mm)
     if row is None:
-        width = general_width_mm(
-            frame.make or frame.xmp_make, frame.model or frame.xmp_model, frame.width, frame.height
-        )
+        width = general_width_mm(frame.make or frame.xmp_make, frame.model or frame.xmp_model, *frame.camera_size)
         return None if width is None else _at(GENERIC, tag, width, zoom, thresholds)
     source, width = row.width_source, row.sensor_width_mm
     if row.origin == USER and row.focal_px is not None:

@@ -50,7 +50,8 @@ class Frame:
     names the tags that belong to pixel positions or raw numbers
     (``black-level``, ``vignette``, ``row-gradient``). ``problems`` are codes
     of what in the header could not be read as it should be, each
-    ``code:detail``.
+    ``code:detail``. ``original_width`` and ``original_height`` are the size
+    that the camera wrote, where the file says that it was resampled.
     """
 
     path: str
@@ -113,11 +114,20 @@ class Frame:
     xmp_namespaces: Tuple[str, ...] = ()
     xmp_blocks: int = 0
     problems: Tuple[str, ...] = ()
+    original_width: Optional[int] = None
+    original_height: Optional[int] = None
 
     @property
     def name(self) -> str:
         """The file's name without its folder."""
         return self.path.rsplit("/", 1)[-1]
+
+    @property
+    def camera_size(self) -> Tuple[int, int]:
+        """Width and height that the camera wrote: what calibration sheets know it by."""
+        if self.original_width is None or self.original_height is None:
+            return self.width, self.height
+        return self.original_width, self.original_height
 
     @property
     def has_gps(self) -> bool:

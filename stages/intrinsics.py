@@ -122,8 +122,7 @@ def find_row(frame: Frame, spectrum: str, sheet: Sheet, band: str = "") -> Optio
     return sheet.find(
         frame.make or frame.xmp_make,
         frame.model or frame.xmp_model,
-        frame.width,
-        frame.height,
+        *frame.camera_size,
         lens=frame.lens or frame.xmp_lens,
         spectrum=spectrum,
         image_source=frame.image_source,

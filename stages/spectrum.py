@@ -146,7 +146,7 @@ def _by_wavelength(wavelength_nm: float) -> str:
 def _rows(frame: Frame, sheet: Sheet) -> Tuple[SheetRow, ...]:
     make, model = frame.make or frame.xmp_make, frame.model or frame.xmp_model
     rows = sheet.candidates(
-        make, model, frame.width, frame.height, frame.lens, "", frame.image_source, frame.focal_mm, "", frame.serial
+        make, model, *frame.camera_size, frame.lens, "", frame.image_source, frame.focal_mm, "", frame.serial
     )
     return tuple(r for r in rows if r.spectrum)
 
@@ -232,9 +232,9 @@ def _by_maker(frame: Frame, sheet: Sheet) -> Optional[Spectrum]:
     make, model = frame.make or frame.xmp_make, frame.model or frame.xmp_model
     if sheet.rows_for(make, model) or not _is_bolometer(frame):
         return None
-    if sheet.spectra_of_size(make, frame.width, frame.height) != (THERMAL,):
+    if sheet.spectra_of_size(make, *frame.camera_size) != (THERMAL,):
         return None
-    size = f"{frame.width}x{frame.height}"
+    size = "{}x{}".format(*frame.camera_size)
     return Spectrum(THERMAL, LWIR, f"every camera of {make} in the calibration sheet that writes {size} is thermal")
 
 
@@ -264,7 +264,7 @@ def _by_file_name(frame: Frame) -> Optional[Spectrum]:
 
 
 def _is_bolometer(frame: Frame) -> bool:
-    return (max(frame.width, frame.height), min(frame.width, frame.height)) in _BOLOMETER_SIZES
+    return (max(frame.camera_size), min(frame.camera_size)) in _BOLOMETER_SIZES
 
 
 def _stem(frame: Frame) -> str:

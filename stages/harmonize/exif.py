@@ -28,6 +28,8 @@ PIXEL_X, PIXEL_Y = 0xA002, 0xA003
 FOCAL_PLANE_X, FOCAL_PLANE_Y, FOCAL_PLANE_UNIT = 0xA20E, 0xA20F, 0xA210
 FOCAL_PLANE_UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 RELATED_WIDTH, RELATED_LENGTH = 0x1001, 0x1002
+# OriginalDefaultFinalSize (DNG 1.4): the size of the larger original that a file was made from.
+ORIGINAL_SIZE = 0xC791
 _THUMBNAIL_AT, _THUMBNAIL_BYTES = 0x0201, 0x0202
 _STRIPS, _STRIP_BYTES = 0x0111, 0x0117
 
@@ -42,7 +44,9 @@ class TagEdit:
     ``focal_35mm`` replace the tags of that name and are added where absent.
     ``focal_plane`` is (width, height in pixels, sensor width in mm): both
     focal-plane resolutions are set to that density, in the unit that the file
-    uses, and the sizes to these.
+    uses, and the sizes to these. Either leaves the size that the camera wrote in
+    ``OriginalDefaultFinalSize``: calibrations of the XMP packet, which is kept
+    as it is, count in its pixels.
     """
 
     size: Optional[Tuple[int, int, int, int]] = None
@@ -224,14 +228,17 @@ def decimal(value: float) -> Fraction:
     return Fraction(value).limit_denominator(1_000_000)
 
 
-def edit_tags(block: TiffBlock, edit: TagEdit) -> None:
-    """Carry out ``edit`` in place. Only directories that lack an asked-for focal tag are written anew.
+def edit_tags(block: TiffBlock, edit: TagEdit, most: Optional[int] = None) -> None:
+    """Carry out ``edit`` in place. Only directories that lack an asked-for tag are written anew.
 
-    Raises ``FrameError`` ``tags-not-rewritable`` when the structure is broken
-    where the edit needs it.
+    ``most`` is the size in bytes up to which the block may grow for the
+    original size, which is left out where it would not fit. Raises
+    ``FrameError`` ``tags-not-rewritable`` when the structure is broken where
+    the edit needs it.
     """
     exif = block.find(block.first, EXIF_IFD) if block.first else None
     exif_at = block.pointer(exif)
+    original = _original_size(block, edit, exif_at)
     if edit.size is not None:
         _edit_size(block, edit.size, exif_at)
     if edit.focal_plane is not None and exif_at is not None:
@@ -245,14 +252,43 @@ def edit_tags(block: TiffBlock, edit: TagEdit) -> None:
         equivalent = Fraction(round(edit.focal_35mm))
         if not _set(block, exif_at, FOCAL_35MM, equivalent):
             wanted[FOCAL_35MM] = (_SHORT, struct.pack(block.order + "H", min(int(equivalent), 0xFFFF)))
-    if not wanted:
-        return
-    if exif is None or exif_at is None:
-        block.grow(4, {EXIF_IFD: (_LONG, struct.pack(block.order + "I", 0))})
-        exif = block.find(block.first, EXIF_IFD)
-    if exif is None:
-        raise damaged("there is no room for a focal length")
-    block.grow(exif.value_at, wanted)
+    if wanted:
+        if exif is None or exif_at is None:
+            block.grow(4, {EXIF_IFD: (_LONG, struct.pack(block.order + "I", 0))})
+            exif = block.find(block.first, EXIF_IFD)
+        if exif is None:
+            raise damaged("there is no room for a focal length")
+        block.grow(exif.value_at, wanted)
+    if original is not None:
+        _keep_original_size(block, original, most)
+
+
+def _original_size(block: TiffBlock, edit: TagEdit, exif_at: Optional[int]) -> Optional[Tuple[int, int]]:
+    """Size that the camera wrote, where the edit would take it away; ``None`` where it is told already."""
+    if not block.first or block.find(block.first, ORIGINAL_SIZE) is not None:
+        return None
+    if edit.size is not None:
+        now, after = edit.size[:2], edit.size[2:]
+    elif edit.focal_plane is not None:
+        now = after = edit.focal_plane[:2]
+    else:
+        return None
+    told = []
+    for tag in (PIXEL_X, PIXEL_Y):
+        entry = block.find(exif_at, tag) if exif_at is not None else None
+        number = block.number(entry) if entry is not None else None
+        told.append(int(number) if number is not None and 0 < number <= 0xFFFF else 0)
+    # Sizes of another shape are those before a crop, which moves no pixel apart.
+    same_shape = all(told) and abs(told[0] * now[1] / (told[1] * now[0]) - 1.0) <= DEFAULTS.aspect_tolerance
+    original = (told[0], told[1]) if same_shape else now
+    return original if original != after else None
+
+
+def _keep_original_size(block: TiffBlock, size: Tuple[int, int], most: Optional[int]) -> None:
+    next_at = block.entries(block.first)[1]
+    grown = len(block.data) + 1 + (next_at - block.first) + 12 + 4 + 8
+    if most is None or grown <= most:
+        block.grow(4, {ORIGINAL_SIZE: (_LONG, struct.pack(block.order + "II", *size))})
 
 
 def _set(block: TiffBlock, at: Optional[int], tag: int, value: Fraction) -> bool:

@@ -13,6 +13,7 @@ from ..errors import FrameError
 from .exif import TagEdit, TiffBlock, damaged, drop_thumbnail, edit_tags
 
 EXIF_MARK = b"Exif\x00\x00"
+_XMP_MARK = b"http://ns.adobe.com/xap/1.0/\x00"
 _APP0, _APP1, _APP2, _APP14, _APP15, _COM = 0xE0, 0xE1, 0xE2, 0xEE, 0xEF, 0xFE
 _EMPTY_EXIF = b"II*\x00\x08\x00\x00\x00" + b"\x00" * 6
 _MAX_SEGMENTS = 4096
@@ -80,7 +81,7 @@ def retag_jpeg(data: bytes, edit: TagEdit) -> bytes:
         return data[:2] + _segment(_APP1, EXIF_MARK + bytes(block.data)) + data[2:]
     mark = data[exif.start : exif.start + len(EXIF_MARK)]
     block = TiffBlock(bytearray(data[exif.start + len(EXIF_MARK) : exif.end]))
-    edit_tags(block, edit)
+    edit_tags(block, edit, _LARGEST - len(EXIF_MARK))
     return data[: exif.start - 4] + _segment(_APP1, mark + bytes(block.data)) + data[exif.end :]
 
 
@@ -88,8 +89,9 @@ def with_header_of(original: bytes, encoded: bytes, edit: TagEdit) -> bytes:
     """Put the header of ``original`` around the picture of ``encoded`` (a JPEG of the same scene, resampled).
 
     Application segments and comments are taken over byte for byte, Exif with
-    ``edit``. Left behind is what describes the old picture data: thumbnails,
-    the multi-picture index and the Adobe colour marker.
+    ``edit``; a resampled file that has none but an XMP packet is given one for
+    its original size. Left behind is what describes the old picture data:
+    thumbnails, the multi-picture index and the Adobe colour marker.
     """
     parts = [b"\xff\xd8"]
     found, _ = segments(original)
@@ -99,14 +101,15 @@ def with_header_of(original: bytes, encoded: bytes, edit: TagEdit) -> bytes:
         if segment is exif:
             block = TiffBlock(bytearray(body[len(EXIF_MARK) :]))
             drop_thumbnail(block)
-            edit_tags(block, edit)
+            edit_tags(block, edit, _LARGEST - len(EXIF_MARK))
             body = body[: len(EXIF_MARK)] + bytes(block.data)
         elif not _describes_metadata(segment.marker, body):
             continue
         elif segment.marker == _APP0 and len(body) > 14:
             body = body[:12] + b"\x00\x00"
         parts.append(_segment(segment.marker, body))
-    if exif is None and (edit.focal_mm is not None or edit.focal_35mm is not None):
+    counts_pixels = edit.size is not None and any(original.startswith(_XMP_MARK, s.start) for s in found)
+    if exif is None and (edit.focal_mm is not None or edit.focal_35mm is not None or counts_pixels):
         block = TiffBlock(bytearray(_EMPTY_EXIF))
         edit_tags(block, edit)
         parts.insert(1, _segment(_APP1, EXIF_MARK + bytes(block.data)))

@@ -205,6 +205,17 @@ def _triple(values: Tuple[float, ...]) -> Optional[Tuple[float, float, float]]:
     return (values[0], values[1], values[2]) if len(values) == 3 else None
 
 
+def _original_size(picture: _Picture, image: exif.Tags) -> Optional[Tuple[int, int]]:
+    """Size of the frame that this one was resampled from as a whole, where the file tells one of this shape."""
+    told = [v for v in image.numbers(exif.ORIGINAL_SIZE) if v is not None and v >= 1] if image.stream else []
+    if len(told) != 2:
+        return None
+    # The height of a resampled frame is rounded.
+    if abs(told[1] * picture.width / told[0] - picture.height) > 1.0:
+        return None
+    return int(told[0]), int(told[1])
+
+
 def _frame(
     picture: _Picture, block: exif.ExifBlock, properties: xmp.Xmp, limits: Thresholds, problems: List[str]
 ) -> Frame:
@@ -227,9 +238,9 @@ def _frame(
         radiometry.append("black-level")
     panel = (numbers.one("Camera:CalibrationPicture", "MicaSense:CalibrationPicture") or 0.0) > 0
     whole = _triple(numbers.several("Camera:RigRelatives"))
-    calibrated = calibration.from_xmp(
-        properties, (picture.width, picture.height), (exif_width, exif_height), focal_mm, per_mm, limits, problems
-    )
+    original = _original_size(picture, image)
+    sizes = calibration.Sizes((picture.width, picture.height), (exif_width, exif_height), original)
+    calibrated = calibration.from_xmp(properties, sizes, focal_mm, per_mm, limits, problems)
     return Frame(
         path=picture.path,
         size_bytes=picture.size_bytes,
@@ -282,6 +293,8 @@ def _frame(
         calibration=calibrated,
         dewarp_flag=numbers.whole("drone-dji:DewarpFlag"),
         rig_name=exif.clean_text(text("Camera:RigName")),
+        original_width=original[0] if original else None,
+        original_height=original[1] if original else None,
         rig_index=numbers.whole("Camera:RigCameraIndex", "drone-dji:SensorIndex"),
         rotation_deg=whole,
         thermal_payload=picture.thermal_payload,

@@ -25,13 +25,47 @@ UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 
 
 @dataclass(frozen=True)
+class Sizes:
+    """Sizes of one picture, (width, height) in pixels.
+
+    ``stored`` is what the file holds, ``written`` what Exif says the camera
+    wrote, ``original`` what the file says that it was resampled from (DNG's
+    OriginalDefaultFinalSize): XMP counts pixels of that.
+    """
+
+    stored: Tuple[int, int]
+    written: Tuple[Optional[int], Optional[int]] = (None, None)
+    original: Optional[Tuple[int, int]] = None
+
+    def resized(self, tolerance: float) -> float:
+        """How much smaller the frame is than Exif says; 1 where the shape says it was cropped instead."""
+        width, height = self.written
+        if not width or not height or width < 0 or height < 0:
+            return 1.0
+        across, down = self.stored[0] / width, self.stored[1] / height
+        return across if abs(across / down - 1.0) <= tolerance else 1.0
+
+    def resampled(self, tolerance: float) -> float:
+        """Pixels of the frame per pixel that XMP counts in."""
+        if self.original is None:
+            return self.resized(tolerance)
+        return self.stored[0] / self.original[0]
+
+
+@dataclass(frozen=True)
 class _Asked:
-    """The frame that a calibration is wanted for; ``resized`` is its scale against what the camera wrote."""
+    """The frame that a calibration is wanted for.
+
+    ``resized`` is its scale against the size in Exif, which the focal-plane
+    tags go with, ``resampled`` against the one that XMP counts pixels of.
+    """
 
     xmp: Xmp
     numbers: Numbers
     size: Tuple[int, int]
+    original: Tuple[int, int]
     resized: float
+    resampled: float
     focal_mm: Optional[float]
     pixels_per_mm: Optional[Tuple[float, float]]
     limits: Thresholds
@@ -55,37 +89,35 @@ class _Asked:
 
 def from_xmp(
     xmp: Xmp,
-    size: Tuple[int, int],
-    written_size: Tuple[Optional[int], Optional[int]],
+    sizes: Sizes,
     focal_mm: Optional[float],
     pixels_per_mm: Optional[Tuple[float, float]],
     limits: Thresholds,
     problems: List[str],
 ) -> Optional[FileCalibration]:
-    """The best calibration of a file.
-
-    ``size`` is the frame as stored, ``written_size`` as the camera wrote it
-    (Exif), ``pixels_per_mm`` from the focal-plane tags.
-    """
-    resized = _resized(size, written_size, limits.aspect_tolerance)
-    asked = _Asked(xmp, Numbers(xmp, problems), size, resized, focal_mm, pixels_per_mm, limits, problems)
+    """The best calibration of a file, in pixels as stored; ``pixels_per_mm`` is from the focal-plane tags."""
+    asked = _Asked(
+        xmp,
+        Numbers(xmp, problems),
+        sizes.stored,
+        sizes.original or sizes.stored,
+        sizes.resized(limits.aspect_tolerance),
+        sizes.resampled(limits.aspect_tolerance),
+        focal_mm,
+        pixels_per_mm,
+        limits,
+        problems,
+    )
     return _camera(asked) or _dewarp(asked) or _calibrated(asked)
 
 
-def _resized(size: Tuple[int, int], written: Tuple[Optional[int], Optional[int]], tolerance: float) -> float:
-    """How much smaller the frame is than the camera wrote it; 1 where the shape says it was cropped instead."""
-    if not written[0] or not written[1] or written[0] < 0 or written[1] < 0:
-        return 1.0
-    across, down = size[0] / written[0], size[1] / written[1]
-    return across if abs(across / down - 1.0) <= tolerance else 1.0
-
-
 def _camera(asked: _Asked) -> Optional[FileCalibration]:
-    numbers, scale = asked.numbers, asked.resized
+    numbers, scale = asked.numbers, asked.resampled
     point = numbers.several("Camera:PrincipalPoint")
     center = None
     if len(point) == 2 and asked.pixels_per_mm is not None:
-        center = asked.inside((point[0] * asked.pixels_per_mm[0] * scale, point[1] * asked.pixels_per_mm[1] * scale))
+        across, down = (density * asked.resized for density in asked.pixels_per_mm)
+        center = asked.inside((point[0] * across, point[1] * down))
     affine = numbers.several("Camera:FisheyeAffineMatrix")
     polynomial = numbers.several("Camera:FisheyePolynomial")
     if len(affine) == 4 and len(polynomial) >= 2 and affine[0] > 0 and polynomial[1] > 0:
@@ -119,7 +151,7 @@ def _in_pixels(asked: _Asked, focal: float) -> bool:
     factor = asked.limits.focal_mm_factor
     if asked.focal_mm is not None and 1.0 / factor <= focal / asked.focal_mm <= factor:
         return False
-    return focal >= asked.limits.focal_px_min_ratio * asked.size[0]
+    return focal * asked.resampled >= asked.limits.focal_px_min_ratio * asked.size[0]
 
 
 def _scale_of_sensor(asked: _Asked) -> float:
@@ -132,9 +164,10 @@ def _scale_of_sensor(asked: _Asked) -> float:
     x = asked.numbers.one("drone-dji:CalibratedOpticalCenterX")
     y = asked.numbers.one("drone-dji:CalibratedOpticalCenterY")
     if x is None or y is None or x <= 0 or y <= 0:
-        return asked.resized
-    ratio = max(asked.size[0] / (2.0 * x), asked.size[1] / (2.0 * y))
-    return 1.0 if abs(ratio - 1.0) < asked.limits.calibrated_size_tolerance else ratio
+        return asked.resampled
+    ratio = max(asked.original[0] / (2.0 * x), asked.original[1] / (2.0 * y))
+    native = 1.0 if abs(ratio - 1.0) < asked.limits.calibrated_size_tolerance else ratio
+    return native if asked.original == asked.size else native * asked.resampled
 
 
 def _dewarp(asked: _Asked) -> Optional[FileCalibration]:

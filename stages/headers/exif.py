@@ -14,9 +14,11 @@ from .source import BeyondEnd
 MAKE, MODEL, ORIENTATION, SOFTWARE, DATE_TIME = 0x010F, 0x0110, 0x0112, 0x0131, 0x0132
 XMP_PACKET, EXIF_IFD, GPS_IFD, BLACK_LEVEL, CAMERA_SERIAL = 0x02BC, 0x8769, 0x8825, 0xC61A, 0xC62F
 DNG_VERSION, UNIQUE_MODEL = 0xC612, 0xC614
+# OriginalDefaultFinalSize (DNG 1.4): the size of the larger file that this one was made from.
+ORIGINAL_SIZE = 0xC791
 IMAGE_TAGS = frozenset(
     (MAKE, MODEL, ORIENTATION, SOFTWARE, DATE_TIME, XMP_PACKET, EXIF_IFD, GPS_IFD, BLACK_LEVEL, CAMERA_SERIAL)
-) | frozenset((DNG_VERSION, UNIQUE_MODEL))  # fmt: skip
+) | frozenset((DNG_VERSION, UNIQUE_MODEL, ORIGINAL_SIZE))  # fmt: skip
 # Exif sub-directory
 EXPOSURE_TIME, F_NUMBER, ISO, SENSITIVITY, ISO_SPEED = 0x829A, 0x829D, 0x8827, 0x8832, 0x8833
 TIME_ORIGINAL, TIME_DIGITIZED, SUBSEC, SUBSEC_ORIGINAL, SUBSEC_DIGITIZED = 0x9003, 0x9004, 0x9290, 0x9291, 0x9292
@@ -45,6 +47,7 @@ NAMES = {
     PIXEL_Y: "PixelYDimension", DIGITAL_ZOOM: "DigitalZoomRatio", FOCAL_35MM: "FocalLengthIn35mmFilm",
     PLANE_X_RES: "FocalPlaneXResolution", PLANE_Y_RES: "FocalPlaneYResolution",
     PLANE_UNIT: "FocalPlaneResolutionUnit", BODY_SERIAL: "BodySerialNumber", LENS_MODEL: "LensModel",
+    ORIGINAL_SIZE: "OriginalDefaultFinalSize",
     LATITUDE_REF: "GPSLatitudeRef", LATITUDE: "GPSLatitude", LONGITUDE_REF: "GPSLongitudeRef",
     LONGITUDE: "GPSLongitude", ALTITUDE_REF: "GPSAltitudeRef", ALTITUDE: "GPSAltitude",
     SPEED_REF: "GPSSpeedRef", SPEED: "GPSSpeed",

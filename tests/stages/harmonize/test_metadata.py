@@ -16,6 +16,7 @@ from sensorgate.stages.harmonize import jpeg, tiff
 from sensorgate.stages.harmonize.exif import TagEdit, TiffBlock, as_rational, decimal, edit_tags
 from sensorgate.stages.harmonize.metadata import retag
 from sensorgate.stages.harmonize.resample import decode_jpeg, encode_jpeg, resize
+from sensorgate.stages.read import frame_from_header
 from sensorgate.stages.thresholds import DEFAULTS
 
 from .samples import MAKER_NOTE, XMP, exif_block, jpeg_bytes, odm_focal_ratio, real, tag_lines, texture
@@ -292,3 +293,71 @@ def test_stale_focal_plane_tags_are_set_right():
     density = tags[piexif.ExifIFD.FocalPlaneXResolution]
     assert 666 * 25.4 / (density[0] / density[1]) == pytest.approx(7.44, abs=1e-4)
     assert (tags[piexif.ExifIFD.PixelXDimension], tags[piexif.ExifIFD.PixelYDimension]) == (666, 500)
+
+
+def _with_dji_calibration(data: bytes, tags: bytes) -> bytes:
+    body = b"http://ns.adobe.com/xap/1.0/\x00" + XMP.replace(b"drone-dji:CaptureUUID", tags + b" drone-dji:CaptureUUID")
+    old = next(s for s in jpeg.segments(data)[0] if data.startswith(b"http://ns.adobe.com/xap", s.start))
+    return data[: old.start - 4] + b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body + data[old.end :]
+
+
+@pytest.mark.parametrize("size", [(256, 192), (295, 221), (480, 360), (117, 88)])
+@pytest.mark.parametrize(
+    "tags",
+    [
+        b'drone-dji:CalibratedFocalLength="280.5"',
+        b'drone-dji:DewarpData="2022-01-01;280.5,280.7,3.1,-2.2,0.01,-0.02,0.001,0.002,0.03"',
+        b'drone-dji:CalibratedFocalLength="280.5" drone-dji:CalibratedOpticalCenterX="160.2" '
+        b'drone-dji:CalibratedOpticalCenterY="120.1"',
+        b'xmlns:Camera="http://pix4d.com/camera/1.0/" Camera:PerspectiveFocalLength="280.5" '
+        b'Camera:PerspectiveFocalLengthUnits="pixels" Camera:PrincipalPoint="6.6,4.4"',
+    ],
+)
+def test_calibrations_that_count_pixels_are_read_right_from_a_resampled_frame(tags, size):
+    """The packet stays as it is, so its pixels are those of the original: the file says which size that had."""
+    data = _with_dji_calibration(jpeg_bytes(320, 240), tags)
+    before = frame_from_header("a.jpg", {0: data}, len(data))
+    result = shrink(data, 320, 240, size)
+    after = frame_from_header("a.jpg", {0: result}, len(result))
+    assert before.calibration is not None and after.calibration is not None
+    assert (after.original_width, after.original_height) == (320, 240)
+    assert after.calibration.focal_px / size[0] == pytest.approx(before.calibration.focal_px / 320, rel=1e-6)
+    assert after.calibration.distortion == before.calibration.distortion
+    if before.calibration.center_px is not None:
+        wanted = [c * s / o for c, s, o in zip(before.calibration.center_px, size, (320, 240))]
+        assert after.calibration.center_px == pytest.approx(wanted, rel=5e-3)
+    again = shrink(result, *size, (200, 150))
+    twice = frame_from_header("a.jpg", {0: again}, len(again))
+    assert (twice.original_width, twice.original_height) == (320, 240)
+    assert twice.calibration.focal_px / 200 == pytest.approx(before.calibration.focal_px / 320, rel=1e-6)
+
+
+def test_a_frame_shrunk_by_its_owner_is_told_by_the_size_in_exif():
+    data = _with_dji_calibration(jpeg_bytes(320, 240), b'drone-dji:CalibratedFocalLength="280.5"')
+    shrunk = jpeg.with_header_of(data, encode_jpeg(texture(160, 120), (2, 1), DEFAULTS), TagEdit())
+    before = frame_from_header("a.jpg", {0: shrunk}, len(shrunk))
+    assert before.calibration.focal_px == pytest.approx(140.25) and before.original_width is None
+    for result in (
+        shrink(shrunk, 160, 120, (128, 96)),
+        retag(shrunk, TagEdit(focal_plane=(160, 120, 13.2))),
+    ):
+        after = frame_from_header("a.jpg", {0: result}, len(result))
+        assert (after.original_width, after.original_height) == (320, 240)
+        assert after.calibration.focal_px / after.width == pytest.approx(280.5 / 320)
+
+
+def test_a_full_exif_block_goes_without_the_original_size():
+    others = len(exif_block(320, 240, thumbnail=False, MakerNote=b""))
+    note = b"N" * (0xFFFD - 20 - others)
+    data = jpeg_bytes(320, 240, exif=exif_block(320, 240, thumbnail=False, MakerNote=note))
+    result = shrink(data, 320, 240, (256, 192))
+    with Image.open(io.BytesIO(result)) as image:
+        assert image.size == (256, 192) and 0xC791 not in image.getexif()
+
+
+def test_a_frame_without_exif_still_tells_its_original_size_beside_an_xmp_packet():
+    out = io.BytesIO()
+    Image.fromarray(texture(320, 240)).save(out, "JPEG", xmp=XMP)
+    result = shrink(out.getvalue(), 320, 240, (256, 192))
+    after = frame_from_header("a.jpg", {0: result}, len(result))
+    assert (after.original_width, after.original_height) == (320, 240) and result.count(XMP) == 1
