@@ -116,6 +116,15 @@ class Thresholds:
     gsd_sigma_factor: float = _number(2.0, "sigma", "a GSD ratio within this many sigma of the height is no difference")
     height_sigma_relative_m: float = _number(2.0, "m", "spread of a barometric height above take-off")
     height_sigma_gps_m: float = _number(5.0, "m", "spread of a plain GPS altitude")
+    dem_sigma_share: float = _number(
+        0.1,
+        "of the cell spacing",
+        "spread of an elevation model's heights: 3 m of the public 30 m models, some decimetres of a laser scan",
+    )
+    dem_sigma_floor_m: float = _number(0.3, "m", "no elevation model is believed below this: plants, ploughing")
+    dem_block_mb: int = _number(256, "MB", "an elevation model stored in larger pieces would have to be read whole")
+    ground_min_m: float = _number(-600.0, "m", "no land lies lower, on any datum: such a height is a void")
+    ground_max_m: float = _number(9000.0, "m", "no land lies higher: such a height is a void")
     upsample_limit: float = _number(4.0, "ratio linear", "beyond this no detail is left that interpolation could serve")
     max_megapixels: float = _number(60.0, "MP", "largest frame that resampling writes")
     max_input_megapixels: float = _number(
@@ -311,6 +320,26 @@ class Thresholds:
 
     # --- what ODM would do -------------------------------------------------------
     odm_lost_share: float = _number(0.10, "ratio of frames", "ODM leaving out more than this leaves holes in the map")
+
+    # --- submitting to a node ------------------------------------------------------
+    submit_max_sends: int = _number(3, "uploads", "a project whose upload fails this often fails for a reason")
+    submit_max_reroutes: int = _number(2, "tries", "pairwise, then isolated: what fails after that needs a person")
+    submit_connect_timeout_s: float = _number(10.0, "s", "a node that is there takes a connection sooner")
+    submit_call_timeout_s: float = _number(60.0, "s", "a loaded node was seen to answer within seconds, never a minute")
+    submit_upload_timeout_s: float = _number(300.0, "s", "a field link may stall this long within one file")
+    submit_patience_s: float = _number(1800.0, "s", "a node that is restarted or out of radio range comes back sooner")
+    submit_settle_s: float = _number(3600.0, "s", "a cluster forwards ten thousand frames to its node within the hour")
+    submit_lost_answers: int = _number(3, "answers", "a cluster forgets a task for a moment while it hands it over")
+    submit_poll_s: float = _number(3.0, "s", "a task takes minutes to hours; the console costs nothing at this pace")
+    submit_retry_s: float = _number(2.0, "s", "first wait after a call without an answer; it doubles up to a minute")
+    submit_upload_threads: int = _number(6, "files", "more at once gained nothing on a loopback node")
+    submit_tasks_at_once: int = _number(8, "tasks", "a cluster names no number of slots; more at once only wait there")
+    submit_task_numbers: int = _number(50, "tasks", "so many tasks of one project on a node are no accident")
+    submit_answer_bytes: int = _number(64 * 1024 * 1024, "bytes", "an answer that is larger is no answer of a node")
+    submit_asset_bytes: int = _number(500 * 1000**3, "bytes", "no product of a survey is larger")
+    submit_asset_files: int = _number(5_000_000, "files", "tiles of ten thousand frames stay below")
+    submit_disk_reserve_bytes: int = _number(1000**3, "bytes", "a disk is not filled to its last byte")
+    submit_retry_features: int = _number(20000, "features", "twice ODM's own number, for a block that did not hold")
 
     # --- input bounds ------------------------------------------------------------
     max_xmp_bytes: int = _number(4 * 1024 * 1024, "bytes", "an XMP packet larger than this is not read")
