@@ -7,6 +7,7 @@ import hashlib
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Union
 
+from ..stages.elevation import open_elevation
 from ..stages.errors import UsageError
 from ..stages.finding import Finding, sort_key
 from ..stages.gate import BLOCKED, GateReport, assess, verdict_of
@@ -23,7 +24,6 @@ from .odm.bands import band_name
 from .odm.masks import split_masks
 from .odm.predict import Prediction, predict
 from .odm.thermal import thermal_reading
-
 
 _FILES = ("calibration", "control_points", "gcp", "geo")
 
@@ -42,7 +42,10 @@ def _content_hash(file: str, option: str) -> str:
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything that decides the outcome besides the imagery; echoed in ``plan.json``."""
+    """Everything that decides the outcome besides the imagery; echoed in ``plan.json``.
+
+    The ground is ``ground_m`` metres everywhere or the elevation model ``dem``, never both.
+    """
 
     thresholds: Thresholds = DEFAULTS
     calibration: Optional[str] = None
@@ -56,6 +59,7 @@ class Settings:
     align: bool = True
     look: bool = False
     control_points: Optional[str] = None
+    dem: Optional[str] = None
 
     def identity(self) -> Dict[str, Any]:
         """Everything that decides, thresholds too; two runs with equal inputs and identity give equal bytes."""
@@ -133,6 +137,7 @@ def inspect(
         load_sheet(settings.calibration, settings.thresholds),
         settings.thresholds,
         ground_m=settings.ground_m,
+        elevation=open_elevation(settings.dem, settings.thresholds) if settings.dem is not None else None,
     )
     survey = replace(survey, profiles=tuple(_with_thermal_reading(p, survey) for p in survey.profiles))
     assessed = assess(survey, settings.thresholds, gsd_target=settings.gsd_target)

@@ -26,12 +26,22 @@ class Height:
     sigma_m: Optional[float] = None
 
 
-def height_above_ground(frame: Frame, ground_m: Optional[float], limits: Thresholds) -> Height:
-    """Relative altitude (above take-off), else GPS altitude minus the ground given, else unknown."""
+def height_above_ground(
+    frame: Frame,
+    ground_m: Optional[float],
+    limits: Thresholds,
+    *,
+    source: str = "ground-option",
+    ground_sigma_m: float = 0.0,
+) -> Height:
+    """Relative altitude (above take-off), else GPS altitude minus the ground given, else unknown.
+
+    ``source`` says where the ground is from, ``ground_sigma_m`` its standard deviation.
+    """
     if frame.relative_altitude_m is not None and math.isfinite(frame.relative_altitude_m):
         return Height(frame.relative_altitude_m, "relative-altitude", limits.height_sigma_relative_m)
     if ground_m is not None and frame.altitude_m is not None:
-        return Height(frame.altitude_m - ground_m, "ground-option", limits.height_sigma_gps_m)
+        return Height(frame.altitude_m - ground_m, source, math.hypot(limits.height_sigma_gps_m, ground_sigma_m))
     return Height()
 
 

@@ -12,7 +12,7 @@ from typing import Sequence, Tuple, Union
 from .finding import ERROR, Finding, sort_key
 from .harmonize.model import HarmonizePlan
 from .harmonize.plan import plan as plan_harmonizing
-from .rules import Rule, cameras, files, flights, positions, rigs
+from .rules import Rule, cameras, files, flights, ground, positions, rigs
 from .rules.positions import gps_outliers, is_rtk_fixed
 from .rules.rigs import incomplete_captures, kept_bands, rig_kind
 from .rules.text import listed, plural
@@ -65,6 +65,9 @@ RULES: Tuple[Rule, ...] = (
     flights.altitude_datum,
     flights.oblique,
     flights.hovering,
+    ground.relief,
+    ground.outside,
+    ground.datum,
 )
 
 

@@ -23,8 +23,9 @@ class SurveyFrame:
     or ``broken``; only ``survey`` frames reach the solver. ``excluded`` is the
     finding code when the frame goes into no project. ``capture`` is shared by
     the frames that one trigger made. ``height_m`` is above ground,
-    ``height_source`` is ``relative-altitude``, ``ground-option``, ``dem`` or
-    ``unknown``.
+    ``height_source`` is ``relative-altitude``, ``relative-altitude+dem`` (turned
+    from above take-off to above ground), ``dem`` or ``ground-option`` (GPS
+    altitude minus that ground), or ``unknown``.
     """
 
     path: str
@@ -79,7 +80,11 @@ class CameraProfile:
 
 @dataclass(frozen=True)
 class Flight:
-    """A profile's frames of one session, in time order. ``gsd_cm`` and ``height_m`` are medians."""
+    """A profile's frames of one session, in time order. ``gsd_cm`` and ``height_m`` are medians.
+
+    ``relief_m`` is how much the ground under its survey frames varies, where
+    an elevation model says.
+    """
 
     id: str
     profile: str
@@ -90,6 +95,7 @@ class Flight:
     height_source: str = "unknown"
     height_sigma_m: Optional[float] = None
     gsd_cm: Optional[float] = None
+    relief_m: Optional[float] = None
 
 
 @dataclass(frozen=True)

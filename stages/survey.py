@@ -15,6 +15,7 @@ from typing import Any, Callable, Dict, Hashable, List, Mapping, Optional, Seque
 
 from .areas import find_areas
 from .captures import find_bodies, group_captures
+from .elevation import Elevation, ElevationSource
 from .flights import (
     SURVEY,
     Height,
@@ -30,6 +31,7 @@ from .grouping import Sighting, camera_name, clean_serial, group, slug
 from .intrinsics import Intrinsics, corrected_in_camera, find_row, resolve
 from .profile import MULTISPECTRAL, RGB, THERMAL, CameraProfile, Flight, Payload, SurveyFrame
 from .read import Scan
+from .relief import Ground, over_relief
 from .sensors import Sheet, SheetRow
 from .spectrum import Spectrum, classify
 from .thresholds import Thresholds
@@ -49,6 +51,7 @@ class Survey:
     areas: Tuple[Tuple[str, int], ...] = ()
     broken: Tuple[BrokenFrame, ...] = ()
     ignored: Tuple[Tuple[str, int], ...] = ()
+    elevation: Optional[ElevationSource] = None
 
     @functools.cached_property
     def _file_of(self) -> Dict[str, Frame]:
@@ -236,15 +239,48 @@ def _roles(
     return role
 
 
+def _ground(files: Sequence[Frame], elevation: Optional[Elevation], limits: Thresholds) -> Optional[Ground]:
+    """The ground under every frame with a position, read in one go."""
+    if elevation is None:
+        return None
+    at = {f.path: (f.latitude, f.longitude) for f in files if f.latitude is not None and f.longitude is not None}
+    points = {f.path: (lat or 0.0, lon or 0.0) for f in files if f.has_gps for lat, lon in [at[f.path]]}
+    told = {path: m for path, m in zip(points, elevation.sample(list(points.values()))) if m is not None}
+    inside = sorted(points[path] for path in told)
+    spacing = elevation.spacing_m(inside[len(inside) // 2]) if inside else None
+    return Ground(told, max(limits.dem_sigma_floor_m, limits.dem_sigma_share * (spacing or 0.0)))
+
+
+def _heights(
+    files: Sequence[Frame], ground_m: Optional[float], ground: Optional[Ground], limits: Thresholds
+) -> Dict[str, Height]:
+    if ground is None:
+        return {f.path: height_above_ground(f, ground_m, limits) for f in files}
+    sigma = ground.sigma_m
+    return {
+        f.path: height_above_ground(f, ground.under.get(f.path), limits, source="dem", ground_sigma_m=sigma)
+        for f in files
+    }
+
+
+def _relief_m(flight: Flight, role: Mapping[str, str], ground: Optional[Ground]) -> Optional[float]:
+    under = [ground.under[p] for p in flight.frames if role[p] == SURVEY and p in ground.under] if ground else []
+    return max(under) - min(under) if under else None
+
+
 def build(
     scan: Scan,
     sheet: Sheet,
     limits: Thresholds,
     *,
     ground_m: Optional[float] = None,
+    elevation: Optional[Elevation] = None,
     open_path: Callable[[str], Path] = Path,
 ) -> Survey:
-    """Place every frame of a scan. The same frames in any order give the same survey."""
+    """Place every frame of a scan. The same frames in any order give the same survey.
+
+    The ground is ``ground_m`` everywhere, or what ``elevation`` says under each frame.
+    """
     files = tuple(sorted(scan.frames, key=lambda f: f.path))
     sheet = _RememberingSheet(sheet.rows, sheet.thresholds)
     repeats = same_content(files, open_path)
@@ -272,13 +308,19 @@ def build(
     payloads = find_payloads(profiles)
     payload_of = {member: p.id for p in payloads for member in p.profiles}
     by_path = {f.path: f for f in files}
-    heights: Dict[str, Height] = {f.path: height_above_ground(f, ground_m, limits) for f in files}
+    ground = _ground(files, elevation, limits)
+    heights = _heights(files, ground_m, ground, limits)
     sessions = {p.id: find_sessions(p, by_path, limits) for p in profiles}
     role = _roles(sessions, profiles, payloads, capture_of, heights, limits)
+    if ground is not None:
+        for of_profile in sessions.values():
+            for session in of_profile:
+                heights.update(over_relief(session, role, heights, ground, limits))
     placed: Dict[str, SurveyFrame] = {}
     flights: List[Flight] = []
     for profile in profiles:
         own = find_flights(profile, sessions[profile.id], role, heights, limits)
+        own = tuple(replace(f, relief_m=_relief_m(f, role, ground)) for f in own)
         flights.extend(own)
         for flight in own:
             for path in flight.frames:
@@ -312,6 +354,7 @@ def build(
         areas=tuple(sorted(areas.items())),
         broken=tuple(sorted(scan.broken, key=lambda b: b.path)),
         ignored=tuple(sorted(scan.ignored.items())),
+        elevation=elevation.source if elevation is not None else None,
     )
 
 

@@ -310,6 +310,12 @@ class Thresholds:
     control_fit_m: float = _number(
         0.5, "m", "residual of control points up to which they tie a payload: marks in shrunk frames are a few px wide"
     )
+    control_fit_height: float = _number(
+        0.02, "ratio of height", "the same as a share of the height: a free network bows by so much before it is held"
+    )
+    control_bow_points: int = _number(
+        8, "points", "a bow by point heights takes four freedoms; fewer points tell it from noise by chance only"
+    )
     gcp_min_points: int = _number(5, "points", "fewer cannot replace the GPS that ODM then switches off")
     gcp_min_images: int = _number(3, "images", "a point in fewer images is not fixed in height")
     gcp_hull_share: float = _number(0.30, "ratio of block area", "points over a smaller part let the rest tilt")

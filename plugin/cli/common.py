@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import logging
+import math
 import sys
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set, Tuple, Union
@@ -26,10 +27,13 @@ def add_input(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("paths", nargs="+", metavar="PATH", help="folders or image files")
     parser.add_argument("--calibration", metavar="FILE", help="your own calibration sheet (JSON or CSV); it wins")
     parser.add_argument(
-        "--ground", type=float, metavar="METRES", help="ground altitude where relative altitude is missing"
+        "--ground", metavar="FILE|METRES", help="elevation model, or the ground's altitude, for heights above ground"
     )
     parser.add_argument(
         "--gsd-target", default="finest", metavar="finest|coarsest|CM", help="ground resolution to bring frames to"
+    )
+    parser.add_argument(
+        "--gsd-trigger", metavar="RATIO", help="bring frames to it when they are farther off than this: 0.05 or 5%%"
     )
     parser.add_argument("--look", action="store_true", help="also look at some pixels for infrared-converted cameras")
     parser.add_argument("--thresholds", metavar="FILE.json", help="change thresholds by name")
@@ -83,8 +87,38 @@ def read_settings(path: str, what: str) -> Dict[str, Any]:
 
 
 def thresholds_from(args: argparse.Namespace) -> Thresholds:
-    """The defaults with the changes of ``--thresholds``."""
-    return DEFAULTS.replaced(read_settings(args.thresholds, "thresholds")) if args.thresholds else DEFAULTS
+    """The defaults with the changes of ``--thresholds`` and, where the verb has it, ``--gsd-trigger``."""
+    limits = DEFAULTS.replaced(read_settings(args.thresholds, "thresholds")) if args.thresholds else DEFAULTS
+    trigger = getattr(args, "gsd_trigger", None)
+    return limits if trigger is None else limits.replaced({"gsd_trigger": trigger_from(trigger)})
+
+
+def trigger_from(text: str) -> float:
+    """A ratio above 0 and at most 10, as ``0.05`` or ``5%``."""
+    number = text.strip()
+    percent = number.endswith("%")
+    try:
+        value = float(number[:-1] if percent else number) / (100.0 if percent else 1.0)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= 10.0:
+        raise UsageError(f"--gsd-trigger takes a ratio such as 0.05 or 5%, not {text!r}.")
+    return value
+
+
+def ground_from(text: Optional[str]) -> Dict[str, Any]:
+    """``--ground`` as settings: a number is the ground's altitude in metres, anything else an elevation model."""
+    if text is None:
+        return {}
+    if Path(text).is_file():
+        return {"dem": text}
+    try:
+        value = float(text)
+    except ValueError:
+        return {"dem": text}
+    if not DEFAULTS.ground_min_m <= value <= DEFAULTS.ground_max_m:
+        raise UsageError(f"--ground takes an elevation model or the ground's altitude in metres, not {text!r}.")
+    return {"ground_m": value}
 
 
 def gsd_target_from(text: str) -> "str | float":

@@ -10,7 +10,17 @@ from ...stages.finding import ERROR
 from ...stages.record import write_text
 from .. import pipeline
 from ..report.terminal import lines
-from .common import Sightings, add_input, add_output, emit_json, gsd_target_from, progress_bars, show, thresholds_from
+from .common import (
+    Sightings,
+    add_input,
+    add_output,
+    emit_json,
+    ground_from,
+    gsd_target_from,
+    progress_bars,
+    show,
+    thresholds_from,
+)
 
 EXIT = {"consistent": 0, "inconsistent": 1, "blocked": 3}
 
@@ -39,7 +49,7 @@ def call(args: argparse.Namespace) -> int:
             pipeline.Settings(
                 thresholds=thresholds_from(args),
                 calibration=args.calibration,
-                ground_m=args.ground,
+                **ground_from(args.ground),
                 look=args.look,
                 gsd_target=gsd_target_from(args.gsd_target),
             ),

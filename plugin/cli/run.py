@@ -10,7 +10,7 @@ from typing import Any
 from ...stages.errors import UsageError
 from .. import pipeline
 from ..report.terminal import lines
-from .common import add_input, add_output, emit_json, gsd_target_from, progress_bars, show, thresholds_from
+from .common import add_input, add_output, emit_json, ground_from, gsd_target_from, progress_bars, show, thresholds_from
 
 
 def register(verbs: Any) -> None:
@@ -50,7 +50,7 @@ def call(args: argparse.Namespace) -> int:
             pipeline.Settings(
                 thresholds=thresholds_from(args),
                 calibration=args.calibration,
-                ground_m=args.ground,
+                **ground_from(args.ground),
                 look=args.look,
                 gsd_target=gsd_target_from(args.gsd_target),
                 gcp=args.gcp,

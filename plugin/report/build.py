@@ -70,6 +70,10 @@ def digest_of(survey: Survey, options: Mapping[str, Any]) -> str:
         "broken": to_plain(survey.broken),
         "options": to_plain(dict(sorted(options.items()))),
     }
+    if survey.elevation is not None:
+        # Large models are hashed in parts, so the heights that were read belong to the identity as well.
+        heights = [(f.path, f.height_m, f.height_source, f.height_sigma_m) for f in survey.frames]
+        material["elevation"] = [survey.elevation.digest, heights]
     return hashlib.sha256(json.dumps(material, sort_keys=True).encode("utf-8")).hexdigest()
 
 
@@ -135,6 +139,7 @@ def build(
             "digest": digest_of(survey, options),
             "options": dict(options),
             "gcp": list(gcp_points),
+            "elevation": survey.elevation,
         },
     }
     plain: Dict[str, Any] = to_plain(report)
