@@ -1,9 +1,11 @@
 """Pixels to another size: uniform scale, no crop, depth kept.
 
 Filters were chosen by fidelity to a windowed-sinc (Lanczos) resize in floating
-point, on real frames and on noise: upwards and down to one half a cubic kernel
-(with a light Gaussian before it, so that detail finer than the new grid does
-not alias), further down the area mean.
+point and to the frame's own spectrum, on real frames and on noise (see
+``benchmarks/resample_fidelity.py``): upwards Lanczos over four lobes, 1 to 2 dB
+nearer to either than a cubic kernel and 7 to 9 dB than a linear one; down to
+one half a cubic kernel, with a light Gaussian before it so that detail finer
+than the new grid does not alias; further down the area mean.
 """
 
 from __future__ import annotations
@@ -68,13 +70,12 @@ def resize(pixels: Pixels, size: Tuple[int, int]) -> Pixels:
     scale = max(size[0] / pixels.shape[1], size[1] / pixels.shape[0])
     if scale < _AREA_BELOW:
         result = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
-    else:
-        if scale < 1.0:
-            sigma = blur_sigma(scale)
-            pixels = cv2.GaussianBlur(
-                pixels, (3, 3) if sigma < 0.5 else (5, 5), sigma, borderType=cv2.BORDER_REFLECT_101
-            )
+    elif scale < 1.0:
+        sigma = blur_sigma(scale)
+        pixels = cv2.GaussianBlur(pixels, (3, 3) if sigma < 0.5 else (5, 5), sigma, borderType=cv2.BORDER_REFLECT_101)
         result = cv2.resize(pixels, size, interpolation=cv2.INTER_CUBIC)
+    else:
+        result = cv2.resize(pixels, size, interpolation=cv2.INTER_LANCZOS4)
     return np.asarray(result)
 
 

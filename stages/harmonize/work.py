@@ -18,7 +18,7 @@ from .metadata import is_jpeg, is_tiff, retag
 from .resample import decode_jpeg, encode_jpeg, opencv, resize_mask, transform
 
 # Raised whenever the same input would give other bytes than before.
-RECIPE = 1
+RECIPE = 2
 RETAG, REWRITE, MASK = "retag", "rewrite", "mask"
 
 
