@@ -22,6 +22,7 @@ from .thresholds import DEFAULTS, Thresholds
 
 __all__ = [
     "SOURCES",
+    "STORED",
     "TRUSTED",
     "Intrinsics",
     "corrected_in_camera",
@@ -33,11 +34,13 @@ __all__ = [
     "resolve",
 ]
 
+STORED = "stored-calibration"
 # Sources, best first. What ranks above GUESSES may be locked; a guess never.
 SOURCES = (
     "user-sheet",
     "xmp-camera",
     "xmp-dewarp",
+    STORED,
     "xmp-calibrated",
     "focal-plane",
     "sheet",
@@ -45,7 +48,7 @@ SOURCES = (
     "generic-width",
     "unknown",
 )
-TRUSTED = ("user-sheet", "xmp-camera", "xmp-dewarp", "xmp-calibrated", "sheet")
+TRUSTED = ("user-sheet", "xmp-camera", "xmp-dewarp", STORED, "xmp-calibrated", "sheet")
 
 CORRECTED = "corrected-in-camera"
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)

@@ -40,6 +40,17 @@ class Thresholds:
     aspect_tolerance: float = _number(
         0.002, "ratio", "sizes whose aspect agrees within this are the same frame scaled, not a crop"
     )
+    stored_sigma: float = _number(
+        3.0, "sigma", "two surveys' focals this many standard errors apart are of two lenses, or one of them is wrong"
+    )
+    stored_gap: float = _number(
+        0.002, "ratio", "focals of one body closer than this agree: temperature and autofocus move a lens by as much"
+    )
+    stored_doubts: int = _number(3, "surveys", "so many in a row must contradict a kept calibration, and agree")
+    stored_min_frames: int = _number(20, "frames", "a calibration from fewer is not offered to other surveys")
+    stored_focal_error: float = _number(
+        0.002, "ratio", "standard error over focal up to which a calibration helps: the height it costs at 100 m is 20 cm"
+    )
     intrinsics_disagreement: float = _number(
         0.20, "ratio", "a focal this far from every other source of the same frame is not believed"
     )
@@ -125,6 +136,21 @@ class Thresholds:
     dem_block_mb: int = _number(256, "MB", "an elevation model stored in larger pieces would have to be read whole")
     ground_min_m: float = _number(-600.0, "m", "no land lies lower, on any datum: such a height is a void")
     ground_max_m: float = _number(9000.0, "m", "no land lies higher: such a height is a void")
+    match_hold_ratio: float = _number(
+        1.5, "GSD ratio, below 2", "matches of two real surveys hold up to here (+18 % and -37 %, mixed with the fine)"
+    )
+    match_share_2x: float = _number(0.5, "ratio", "of the matches are left at twice the GSD (measured 0.71 and 0.32)")
+    match_share_4x: float = _number(0.17, "ratio", "of the matches are left at four times (measured 0.14 and 0.07)")
+    restored_share_2x: float = _number(
+        0.9, "ratio", "of the matches, once the coarse frames are enlarged to the fine (measured 1.2 and 0.85)"
+    )
+    restored_share_4x: float = _number(0.4, "ratio", "the same at four times (measured 0.58 and 0.22)")
+    odm_share_1_5x: float = _number(
+        0.53, "ratio", "of ODM's matches are left at 1.5 times after its own reduction (measured 193 of 361)"
+    )
+    jpeg_growth: float = _number(
+        1.4, "power of the scale", "of an enlarged JPEG's bytes: 1.2 to 1.6 on six real cameras at equal quality"
+    )
     upsample_limit: float = _number(4.0, "ratio linear", "beyond this no detail is left that interpolation could serve")
     max_megapixels: float = _number(60.0, "MP", "largest frame that resampling writes")
     max_input_megapixels: float = _number(
