@@ -7,7 +7,7 @@ better than 1 mm per kilometre squared, far below GPS.
 from __future__ import annotations
 
 import math
-from typing import Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 _A = 6378137.0
 _E2 = 6.69437999014e-3
@@ -39,3 +39,38 @@ def median(values: Sequence[float]) -> float:
     """The lower-middle median: one of the values itself, so it is exact and repeatable."""
     ordered = sorted(values)
     return ordered[(len(ordered) - 1) // 2]
+
+
+def hull_area_m2(points: Sequence[Tuple[float, float]]) -> float:
+    """Area of the convex hull (Andrew's monotone chain)."""
+    ordered = sorted(set(points))
+    if len(ordered) < 3:
+        return 0.0
+
+    def half(sequence: Sequence[Tuple[float, float]]) -> List[Tuple[float, float]]:
+        chain: List[Tuple[float, float]] = []
+        for p in sequence:
+            while len(chain) > 1 and _cross(chain[-2], chain[-1], p) <= 0:
+                chain.pop()
+            chain.append(p)
+        return chain[:-1]
+
+    hull = half(ordered) + half(ordered[::-1])
+    return abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(hull, hull[1:] + hull[:1]))) / 2.0
+
+
+def _cross(o: Tuple[float, float], a: Tuple[float, float], b: Tuple[float, float]) -> float:
+    return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
+
+
+def flatness(points: Sequence[Tuple[float, float]]) -> float:
+    """Second over first singular value of the centred points: 0 on one line, 1 round."""
+    n = len(points)
+    if n < 2:
+        return 0.0
+    mx, my = sum(p[0] for p in points) / n, sum(p[1] for p in points) / n
+    sxx = sum((p[0] - mx) ** 2 for p in points)
+    syy = sum((p[1] - my) ** 2 for p in points)
+    sxy = sum((p[0] - mx) * (p[1] - my) for p in points)
+    half, root = (sxx + syy) / 2.0, math.hypot((sxx - syy) / 2.0, sxy)
+    return math.sqrt(max(0.0, half - root) / (half + root)) if half + root > 0 else 0.0

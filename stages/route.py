@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 from .align.blocks import blocks, likeness, subset
-from .align.control import ControlTie, tie_by_control
 from .align.judge import FAIL, PASS, UNPROVEN
 from .align.model import AlignmentReport, AlignRequest, GcpMark, LockDecision, PayloadAlignment
 from .align.prepare import sorted_request
 from .align.run import Aligned, align_once
 from .align.solution import Retrieval
+from .align.tie import ControlTie, joined_by_control, tie_by_control
 from .align.worker import SolverFailed
 from .errors import UsageError
 from .progress import Cancel, Progress, check
@@ -272,7 +272,10 @@ class _Ladder:
             return result, ("joined pairwise onto the proven payloads",)
         tie: ControlTie = tie_by_control(result, payload, self.limits)
         if tie.holds:
-            return result, (tie.text,)
+            joined = joined_by_control(result, payload, self.limits)
+            if not _verdicts(joined.report)[FAIL]:
+                return joined, (tie.text,)
+            return None, ("refused pairwise", f"{tie.text}, but {_said(joined.report, payload)}")
         return None, ("refused pairwise", tie.text)
 
 
@@ -287,6 +290,12 @@ def _stands(report: AlignmentReport, payload: str) -> bool:
     """The payload passes and takes nobody down with it."""
     verdicts = _verdicts(report)
     return payload in verdicts[PASS] and not verdicts[FAIL]
+
+
+def _said(report: AlignmentReport, payload: str) -> str:
+    """The first reason of a payload, or of the first failed one."""
+    failed = sorted((p for p in report.payloads if p.verdict == FAIL), key=lambda p: (p.payload != payload, p.payload))
+    return "; ".join(r for p in failed[:1] for r in p.reasons[:1]) or "another payload fails with it"
 
 
 def _worst(report: AlignmentReport) -> str:

@@ -353,6 +353,17 @@ class Thresholds:
     # --- what ODM would do -------------------------------------------------------
     odm_lost_share: float = _number(0.10, "ratio of frames", "ODM leaving out more than this leaves holes in the map")
 
+    # --- reading what ODM made -----------------------------------------------------
+    outcome_json_bytes: int = _number(256 * 1024 * 1024, "bytes", "logs and reports of ten thousand frames stay below")
+    outcome_value_chars: int = _number(4 * 1024 * 1024, "characters", "one shot or point of a model is never longer")
+    outcome_match_bytes: int = _number(256 * 1024 * 1024, "bytes", "matches of one frame with a thousand others")
+    outcome_max_models: int = _number(1000, "models", "a survey in more pieces is no survey")
+    outcome_max_frames: int = _number(100_000, "frames", "more than any node takes")
+    outcome_max_points: int = _number(20_000_000, "points", "of twenty-four bytes each; a larger model is sampled")
+    outcome_max_observations: int = _number(200_000_000, "observations", "a bound on time, not on memory")
+    outcome_console_lines: int = _number(2_000_000, "lines", "more console than any run of ODM writes")
+    outcome_tie_points: int = _number(10, "points", "OpenSfM takes a frame into a model from ten common points on")
+
     # --- submitting to a node ------------------------------------------------------
     submit_max_sends: int = _number(3, "uploads", "a project whose upload fails this often fails for a reason")
     submit_max_reroutes: int = _number(2, "tries", "pairwise, then isolated: what fails after that needs a person")

@@ -6,13 +6,12 @@ the points alone can hold the block; otherwise GPS stays and a finding says why.
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Sequence, Set, Tuple
 
 from ...stages.finding import INFO, WARNING, Finding
-from ...stages.geo import local_metres
+from ...stages.geo import flatness, hull_area_m2, local_metres
 from ...stages.thresholds import DEFAULTS, Thresholds
 from .gcp import GcpFrame, write_gcp
 from .gcp_place import PlacedGcps
@@ -27,41 +26,6 @@ class GcpDecision:
     text: Optional[str]
     points: int
     findings: Tuple[Finding, ...] = ()
-
-
-def hull_area_m2(points: Sequence[_XY]) -> float:
-    """Area of the convex hull (Andrew's monotone chain)."""
-    ordered = sorted(set(points))
-    if len(ordered) < 3:
-        return 0.0
-
-    def half(sequence: Sequence[_XY]) -> List[_XY]:
-        chain: List[_XY] = []
-        for p in sequence:
-            while len(chain) > 1 and _cross(chain[-2], chain[-1], p) <= 0:
-                chain.pop()
-            chain.append(p)
-        return chain[:-1]
-
-    hull = half(ordered) + half(ordered[::-1])
-    return abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(hull, hull[1:] + hull[:1]))) / 2.0
-
-
-def _cross(o: _XY, a: _XY, b: _XY) -> float:
-    return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
-
-
-def flatness(points: Sequence[_XY]) -> float:
-    """Second over first singular value of the centred points: 0 on one line, 1 round."""
-    n = len(points)
-    if n < 2:
-        return 0.0
-    mx, my = sum(p[0] for p in points) / n, sum(p[1] for p in points) / n
-    sxx = sum((p[0] - mx) ** 2 for p in points)
-    syy = sum((p[1] - my) ** 2 for p in points)
-    sxy = sum((p[0] - mx) * (p[1] - my) for p in points)
-    half, root = (sxx + syy) / 2.0, math.hypot((sxx - syy) / 2.0, sxy)
-    return math.sqrt(max(0.0, half - root) / (half + root)) if half + root > 0 else 0.0
 
 
 def gcp_for_project(

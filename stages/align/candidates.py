@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
@@ -13,11 +13,23 @@ from ..progress import Cancel, Progress, check
 from ..thresholds import Thresholds
 from . import worker
 from .calibrate import Geometry, Outcome, Trial, as_candidates, choose, frozen, setting_for, trials_for
+from .control import Lay, holds_of, lay_by_control, lays_of
 from .fit import bowing, height_above_ground, residual_fit, surface_bow
+from .held import HOLDING
 from .model import AlignCamera, AlignRequest, Bowing, Candidate, LockDecision
 from .prepare import focal_over_side, holdable
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
 from .world import Ground, Rows, fit_rows
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """The solution under the chosen calibrations, what was tried and decided, and the cameras with what may move."""
+
+    solution: Solution
+    candidates: Tuple[Candidate, ...]
+    decisions: Tuple[LockDecision, ...]
+    moving: Tuple[CameraSetting, ...]
 
 
 def calibrate(
@@ -30,11 +42,12 @@ def calibrate(
     limits: Thresholds,
     progress: Optional[Progress] = None,
     cancel: Optional[Cancel] = None,
-) -> Tuple[Solution, Tuple[Candidate, ...], Tuple[LockDecision, ...]]:
+) -> Calibrated:
     """Try every profile's candidates and return the solution under the chosen ones.
 
     Profiles with most frames go first. With several, a second pass repeats
     each under the others' final cameras; its candidates are the ones told.
+    Where ground control can be held, a solved focal is solved with it held.
     """
     order = _profiles(request, job, solution)
     current = tuple(frozen(c) for c in solution.cameras)
@@ -42,6 +55,9 @@ def calibrate(
     told: Dict[str, Tuple[Candidate, ...]] = {}
     decided: Dict[str, LockDecision] = {}
     stood: Dict[str, Tuple[CameraSetting, ...]] = {}
+    free: Dict[str, Tuple[bool, bool]] = {}
+    lays = lays_of(request, job, solution, ground, limits)
+    holds = holds_of(request, job, solution, ground, lays) if engine in HOLDING else ()
     for lap in range(2 if len(order) > 1 else 1):
         for profile in order:
             check(cancel)
@@ -56,19 +72,27 @@ def calibrate(
             task = AdjustJob(solution.stored, job, variants)
             solved = worker.adjust(task, engine, place, progress, cancel)
             rows = _rows(request, solution, profile)
+            model = int(solution.model[rows[0]])
+            laid = [lay_by_control(request, job, s, ground, model, limits) if model in lays else None for s in solved]
             outcomes = tuple(
-                _outcome(t, request, s, ground, rows, profile, job, limits) for t, s in zip(trials, solved)
+                _outcome(t, request, s, ground, rows, profile, job, limits, lay)
+                for t, s, lay in zip(trials, solved, laid)
             )
-            surfaces = _surfaces(solved, ground, rows)
+            surfaces = _surfaces(solved, ground, rows, laid)
+            held = tuple(h for h in holds if h.model == model)
+            if held:
+                task = AdjustJob(solution.stored, job, variants, held)
+                fixed = worker.adjust(task, engine, place / "control", progress, cancel)
+                outcomes = tuple(_under_control(o, s, job, rows, profile) for o, s in zip(outcomes, fixed))
             flown = [h for h in (request.frames[i].height_m for i in rows) if h is not None]
             height = float(np.median(flown)) if flown else None
-            chosen, decision, veto = choose(
-                outcomes, surfaces, camera, geometry_of(request, solved[-1], ground, rows, limits), height, limits
-            )
+            geometry = geometry_of(request, solved[-1], ground, rows, limits, laid[-1])
+            chosen, decision, veto = choose(outcomes, surfaces, camera, geometry, height, limits)
             told[profile] = as_candidates(outcomes, chosen, decision, veto)
             decided[profile] = decision
+            free[profile] = (trials[chosen].focal is None, trials[chosen].distortion is None)
             base = solved[chosen]
-            current = tuple(frozen(c) for c in base.cameras)
+            current = tuple(frozen(c) for c in (fixed[chosen] if held else base).cameras)
     final = replace(
         base,
         cameras=tuple(
@@ -81,7 +105,40 @@ def calibrate(
         notes=solution.notes,
         features=solution.features,
     )
-    return final, tuple(c for p in sorted(told) for c in told[p]), tuple(decided[p] for p in sorted(decided))
+    return Calibrated(
+        solution=final,
+        candidates=tuple(c for p in sorted(told) for c in told[p]),
+        decisions=tuple(decided[p] for p in sorted(decided)),
+        moving=tuple(
+            replace(c, solve_focal=focal, solve_distortion=bend)
+            for c, (focal, bend) in zip(current, (free.get(c.profile, (False, False)) for c in current))
+        ),
+    )
+
+
+def _under_control(outcome: Outcome, solution: Solution, job: Job, rows: Rows, profile: str) -> Outcome:
+    """The outcome with its camera, error and focal's spread as they are with ground control held.
+
+    Its bow and GPS fit stay the free network's: held, it fits by force.
+    """
+    kept = rows[solution.model[rows] != UNPLACED]
+    camera = _camera_of(solution, job, kept, profile)
+    sigma = float(solution.focal_sigma[_camera_index(job, kept)]) if len(kept) else float("nan")
+    return replace(
+        outcome,
+        error_px=_error(solution, kept),
+        solved_focal=camera.focal_ratio,
+        solved_distortion=camera.distortion,
+        focal_sigma=sigma if np.isfinite(sigma) else None,
+    )
+
+
+def _error(solution: Solution, kept: Rows) -> Optional[float]:
+    """Mean reprojection error over the observations of some frames, ``None`` without any."""
+    weight = solution.observations[kept].astype(float)
+    if weight.sum() <= 0 or not np.isfinite(solution.error_px[kept][weight > 0]).all():
+        return None
+    return round(float(np.average(np.nan_to_num(solution.error_px[kept]), weights=weight)), 5)
 
 
 def _alike(before: Sequence[CameraSetting], now: Sequence[CameraSetting], limits: Thresholds) -> bool:
@@ -167,12 +224,10 @@ def _outcome(
     profile: str,
     job: Job,
     limits: Thresholds,
+    lay: Optional[Lay] = None,
 ) -> Outcome:
     kept = rows[solution.model[rows] != UNPLACED]
-    weight = solution.observations[kept].astype(float)
-    error: Optional[float] = None
-    if weight.sum() > 0 and np.isfinite(solution.error_px[kept][weight > 0]).all():
-        error = round(float(np.average(np.nan_to_num(solution.error_px[kept]), weights=weight)), 5)
+    error = _error(solution, kept)
     camera = _camera_of(solution, job, kept, profile)
     known = kept[ground.known[kept]]
     fit = fit_rows(solution, ground, known) if len(known) >= limits.min_proof_frames else None
@@ -190,27 +245,34 @@ def _outcome(
         solved_distortion=camera.distortion,
         focal_sigma=focal_sigma if np.isfinite(focal_sigma) else None,
     )
+    control = lay.similarity if lay is not None and lay.holds else None
+    if lay is not None and control is not None:
+        ground_m = control.points(_points(solution, kept))
+        height, relief = height_above_ground(control.points(solution.center[kept]), ground_m)
+        plain = replace(plain, height_m=height, relief_m=relief, bowing=lay.fit.bowing)
     if fit is None:
         return plain
     centers = fit.points(solution.center[known])
     vertical = bool(ground.vertical[known].all())
     sigma = (float(np.median(ground.sigma[known, 0])), float(np.median(ground.sigma[known, 1])))
     gps = residual_fit(centers - ground.east_north_up[known], sigma, len(known), False, vertical)
-    height, relief = height_above_ground(centers, fit.points(_points(solution, kept)))
+    if control is None:
+        height, relief = height_above_ground(centers, fit.points(_points(solution, kept)))
+        plain = replace(plain, height_m=height, relief_m=relief)
+    bow = plain.bowing
+    if bow.bowing_m is None and vertical:
+        bow = bowing(centers, ground.east_north_up[known], [request.frames[i].flight for i in known])
     misfit = None
     if gps.horizontal_m is not None:
         misfit = gps.horizontal_m / (limits.gps_sigma_factor * sigma[0])
         if gps.vertical_m is not None:
             misfit = max(misfit, gps.vertical_m / (limits.gps_sigma_factor * sigma[1]))
-    flights = [request.frames[i].flight for i in known]
     return replace(
         plain,
         gps_horizontal_m=gps.horizontal_m,
         gps_vertical_m=gps.vertical_m,
         misfit=None if misfit is None else round(misfit, 4),
-        height_m=height,
-        relief_m=relief,
-        bowing=bowing(centers, ground.east_north_up[known], flights) if vertical else Bowing(),
+        bowing=bow,
     )
 
 
@@ -233,16 +295,21 @@ def _camera_of(solution: Solution, job: Job, rows: Rows, profile: str) -> Camera
     return next(c for c in solution.cameras if c.profile == profile)
 
 
-def _surfaces(solved: Sequence[Solution], ground: Ground, rows: Rows) -> Dict[Tuple[int, int], Bowing]:
+def _surfaces(
+    solved: Sequence[Solution], ground: Ground, rows: Rows, lays: Sequence[Optional[Lay]]
+) -> Dict[Tuple[int, int], Bowing]:
     """Bow of every two candidates' surfaces, point by point, each laid on the same positions."""
     laid: List[Optional[Dict[int, Array]]] = []
-    for solution in solved:
-        known = rows[ground.known[rows] & (solution.model[rows] != UNPLACED)]
+    for solution, lay in zip(solved, lays):
+        kept = rows[solution.model[rows] != UNPLACED]
+        known = kept[ground.known[kept]]
         fit = fit_rows(solution, ground, known) if len(known) >= 3 else None
-        if fit is None:
+        if lay is not None and lay.holds:
+            fit = lay.similarity
+        if fit is None or not len(kept):
             laid.append(None)
             continue
-        inside = solution.point_model == solution.model[known[0]]
+        inside = solution.point_model == solution.model[kept[0]]
         places = fit.points(solution.point_xyz[inside])
         laid.append(dict(zip(solution.point_id[inside].tolist(), places)))
     found: Dict[Tuple[int, int], Bowing] = {}
@@ -259,12 +326,22 @@ def _surfaces(solved: Sequence[Solution], ground: Ground, rows: Rows) -> Dict[Tu
     return found
 
 
-def geometry_of(request: AlignRequest, solution: Solution, ground: Ground, rows: Rows, limits: Thresholds) -> Geometry:
-    """Measure what supports a self-calibration: solved view tilts and heights of the profile's frames."""
+def geometry_of(
+    request: AlignRequest,
+    solution: Solution,
+    ground: Ground,
+    rows: Rows,
+    limits: Thresholds,
+    lay: Optional[Lay] = None,
+) -> Geometry:
+    """Measure what supports a self-calibration: solved view tilts and heights of the profile's frames, control."""
     kept = rows[(solution.model[rows] != UNPLACED)]
     known = kept[ground.known[kept]]
     fit = fit_rows(solution, ground, known) if len(known) >= limits.min_proof_frames else None
-    if fit is None:
+    control = lay is not None and lay.holds
+    if lay is not None and control:
+        fit = lay.similarity
+    if fit is None or not len(kept):
         return Geometry(0.0, 0.0)
     views = fit.directions(solution.rotation[kept, 2])
     tilt = np.degrees(np.arccos(np.clip(-views[:, 2], -1.0, 1.0)))
@@ -276,4 +353,4 @@ def geometry_of(request: AlignRequest, solution: Solution, ground: Ground, rows:
     if height and height > 0:
         low, high = np.percentile(centers[:, 2], [5, 95])
         spread = float((high - low) / height)
-    return Geometry(round(oblique, 4), round(spread, 4))
+    return Geometry(round(oblique, 4), round(spread, 4), control)

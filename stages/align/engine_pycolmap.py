@@ -12,7 +12,7 @@ import io
 import math
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ..record import write_bytes
 from .features import Features, all_descriptors, feature_keys, load_or_extract
 from .matching import Descriptors, Matches, alike_pairs, match, signatures, unit
 from .models import camera_model, read_model
-from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
+from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Hold, Job, Solution
 
 Step = Callable[[str, int, int], None]
 Pair = Tuple[int, int]
@@ -59,10 +59,12 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
         sigmas: Dict[int, float] = {}
         for model in models:
             _thin(model)
-        for model in models:
-            sigma = _adjust_model(pycolmap, model, cameras)
+        held = {h.model: h for h in task.holds}
+        for place, model in enumerate(models):
+            sigma = _adjust_model(pycolmap, model, cameras, held.get(place))
             sigmas = {**sigma, **sigmas}
-        folder = Path(task.models).parent / f"{Path(task.models).name}-v{number:02d}"
+        kind = "h" if task.holds else "v"
+        folder = Path(task.models).parent / f"{Path(task.models).name}-{kind}{number:02d}"
         solution = _collect(task.job, cameras, models, folder)
         spread = np.asarray([sigmas.get(i + 1, math.nan) for i in range(len(cameras))])
         results.append(_with(solution, focal_sigma=spread))
@@ -324,7 +326,37 @@ def _errors(model: Any, image: Any) -> Array:
     return np.asarray(np.hypot(offset[:, 0], offset[:, 1]))
 
 
-def _adjust_model(pycolmap: Any, model: Any, cameras: Sequence[CameraSetting]) -> Dict[int, float]:
+def _hold_points(pycolmap: Any, model: Any, hold: Hold) -> List[int]:
+    """Lay a model on the ground and add its control points as tracks; returns their ids."""
+    rotation = pycolmap.Rotation3d(np.asarray(hold.rotation, dtype=float).reshape(3, 3))
+    model.transform(pycolmap.Sim3d(hold.scale, rotation, np.asarray(hold.translation, dtype=float)))
+    placed = set(model.reg_image_ids())
+    ids = []
+    for point in hold.points:
+        track = pycolmap.Track()
+        for row, x, y in point.marks:
+            if row + 1 in placed:
+                seen = model.images[row + 1].points2D
+                seen.append(pycolmap.Point2D(np.array([x, y])))
+                track.add_element(row + 1, len(seen) - 1)
+        ids.append(model.add_point3D(np.asarray(point.place, dtype=float), track))
+    return ids
+
+
+def _drop_points(model: Any, hold: Hold, ids: Sequence[int]) -> None:
+    """Take the control tracks out again: a model that is extended later must match its features row by row."""
+    for point_id in ids:
+        model.delete_point3D(point_id)
+    placed = set(model.reg_image_ids())
+    for point in hold.points:
+        for row, _, _ in point.marks:
+            if row + 1 in placed:
+                model.images[row + 1].points2D.pop()
+
+
+def _adjust_model(
+    pycolmap: Any, model: Any, cameras: Sequence[CameraSetting], hold: Optional[Hold] = None
+) -> Dict[int, float]:
     """Adjust one model in place; returns camera id -> standard error of its solved focal ratio."""
     moving = []
     for camera_id in sorted(model.cameras):
@@ -350,12 +382,21 @@ def _adjust_model(pycolmap: Any, model: Any, cameras: Sequence[CameraSetting]) -
     for camera_id in sorted(model.cameras):
         if cameras[camera_id - 1].held:
             config.set_constant_cam_intrinsics(camera_id)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    fixed: List[int] = []
+    if hold is None:
+        config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    else:
+        fixed = _hold_points(pycolmap, model, hold)
+        for point_id in fixed:
+            config.add_constant_point(point_id)
     make = getattr(pycolmap, "create_default_ceres_bundle_adjuster", pycolmap.create_default_bundle_adjuster)
     adjuster = make(options, config, model)
     adjuster.solve()
     model.update_point_3d_errors()
-    return _focal_sigmas(pycolmap, model, cameras, adjuster) if options.refine_focal_length else {}
+    sigmas = _focal_sigmas(pycolmap, model, cameras, adjuster) if options.refine_focal_length else {}
+    if hold is not None:
+        _drop_points(model, hold, fixed)
+    return sigmas
 
 
 def _thin(model: Any) -> None:

@@ -20,16 +20,19 @@ FAIL = "fail"
 UNPROVEN = "unproven"
 
 _CLOSE = 0.1
+_NO_POSITION = "{} frames have a position: nothing independent proves the model"
+_ON_A_LINE = "its positions lie on one line: GPS cannot contradict the model"
 
 
-def judge(measured: Measured, limits: Thresholds) -> Tuple[PayloadAlignment, ...]:
+def judge(measured: Measured, limits: Thresholds, tied: Sequence[str] = ()) -> Tuple[PayloadAlignment, ...]:
     """Return one verdict per payload, with every reason in words.
 
     Ties to others are asked of every payload but the anchor: where two have
-    none, it is the other that leaves.
+    none, it is the other that leaves. ``tied`` are payloads that ground
+    control ties instead.
     """
     several = len(measured.payloads) > 1
-    return tuple(_judge_one(p, measured, several, limits) for p in measured.payloads)
+    return tuple(_judge_one(p, measured, several and p.payload not in tied, limits) for p in measured.payloads)
 
 
 def _judge_one(p: PayloadFigures, measured: Measured, several: bool, limits: Thresholds) -> PayloadAlignment:
@@ -43,6 +46,7 @@ def _judge_one(p: PayloadFigures, measured: Measured, several: bool, limits: Thr
         bad.append(f"its pairs hold {_say(p.own_inliers)} verified matches, {limits.min_inliers} are needed")
     _reprojection(p, limits, bad, said)
     _gps(p, measured.anchor, limits, bad, open_, said)
+    _control(p, bad, open_, said)
     _gap(p, bad, said)
     if p.looks_down is not None and p.looks_down < limits.min_registered_share:
         bad.append("its cameras look at the sky: the model is turned over")
@@ -68,6 +72,7 @@ def _judge_one(p: PayloadFigures, measured: Measured, several: bool, limits: Thr
         reasons=tuple(reasons),
         strong_cross_pairs=p.strong_cross,
         gps_offset_m=p.offset_m if any("GPS offset" in r for r in said) else None,
+        control=p.control,
     )
 
 
@@ -116,10 +121,10 @@ def _gps(
     said: List[str],
 ) -> None:
     if p.positions < limits.min_proof_frames:
-        open_.append(f"{p.positions} frames have a position: nothing independent proves the model")
+        open_.append(_NO_POSITION.format(p.positions))
         return
     if p.alone.frames and p.alone.collinear and p.self_fitted:
-        open_.append("its positions lie on one line: GPS cannot contradict the model")
+        open_.append(_ON_A_LINE)
         return
     together = _misfit(p.together, limits)
     # On one line a fit of its own proves nothing; the anchor's similarity still can contradict it.
@@ -149,6 +154,25 @@ def _gps(
     else:
         close = " (close)" if max(alone, together) > 1.0 - _CLOSE else ""
         said.append(f"GPS fit {_words(p.together)}, limit {_limit(p.together, limits)}{close}")
+
+
+def _control(p: PayloadFigures, bad: List[str], open_: List[str], said: List[str]) -> None:
+    """Ground control proves what GPS cannot, and contradicts what GPS does not vouch for.
+
+    Where GPS itself proves the payload, points that do not fit are the points'
+    fault, and only said.
+    """
+    control = p.control
+    if control is None:
+        return
+    blind = any(o in (_NO_POSITION.format(p.positions), _ON_A_LINE) for o in open_)
+    if control.verdict == PASS:
+        said.append(control.text)
+        open_[:] = [o for o in open_ if not blind or o not in (_NO_POSITION.format(p.positions), _ON_A_LINE)]
+    elif control.verdict == FAIL and blind:
+        bad.append(control.text)
+    else:
+        (open_ if blind else said).append(control.text)
 
 
 def _misfit(fit: GpsFit, limits: Thresholds) -> Optional[float]:

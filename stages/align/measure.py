@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ..thresholds import Thresholds
+from .control import NO_CONTROL, Controlled
 from .fit import Similarity, bowing, collinear, height_above_ground, residual_fit
-from .model import AlignFrame, Bowing, GpsFit
+from .model import AlignFrame, Bowing, ControlFit, GpsFit
 from .solution import UNPLACED, Array, Solution
 from .world import Ground, Rows, choose_anchor, fit_rows, laid_centers, laid_points, lay_models, looks_down, rows_of
 
@@ -52,6 +53,7 @@ class PayloadFigures:
     looks_down: Optional[float]
     positions: int
     self_fitted: bool
+    control: Optional[ControlFit] = None
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class Measured:
     components: int
     areas: int
     payloads: Tuple[PayloadFigures, ...]
+    control: Optional[ControlFit] = None
 
 
 def main_models(solution: Solution, areas: Sequence[int]) -> Dict[int, int]:
@@ -76,11 +79,16 @@ def main_models(solution: Solution, areas: Sequence[int]) -> Dict[int, int]:
 
 
 def measure(
-    frames: Sequence[AlignFrame], solution: Solution, ground: Ground, areas: Sequence[int], limits: Thresholds
+    frames: Sequence[AlignFrame],
+    solution: Solution,
+    ground: Ground,
+    areas: Sequence[int],
+    limits: Thresholds,
+    control: Controlled = NO_CONTROL,
 ) -> Measured:
     """Measure every payload of ``frames`` in ``solution``; ``areas`` is each frame's piece of ground."""
     anchor = choose_anchor(frames, solution, ground, limits)
-    laid = lay_models(frames, solution, ground, anchor, limits)
+    laid = lay_models(frames, solution, ground, anchor, limits, control.laid)
     centers = laid_centers(solution, laid)
     main = main_models(solution, areas)
     gaps = _capture_gaps(frames, solution, centers, limits)
@@ -92,10 +100,24 @@ def measure(
         components=solution.models,
         areas=len({max(a, 0) for a in areas}) or 1,
         payloads=tuple(
-            _payload(name, frames, solution, ground, areas, limits, laid, centers, main, gaps, len(names))
+            _payload(name, frames, solution, ground, areas, limits, laid, centers, main, gaps, len(names), control)
             for name in names
         ),
+        control=_with_offset(control, laid, ground, main),
     )
+
+
+def _with_offset(control: Controlled, laid: Laid, ground: Ground, main: Dict[int, int]) -> Optional[ControlFit]:
+    """The control's figures with how far GPS puts the cameras from where control does."""
+    fit = control.fit
+    for model in sorted(set(main.values())):
+        there = laid[model][0]
+        if fit is not None and model in control.laid and there is not None and ground.known.any():
+            gap = there.translation - control.laid[model].translation
+            return replace(
+                fit, gps_offset_m=(round(float(gap[0]), 3), round(float(gap[1]), 3), round(float(gap[2]), 3))
+            )
+    return fit
 
 
 def _payload(
@@ -110,6 +132,7 @@ def _payload(
     main: Dict[int, int],
     gaps: Dict[str, Tuple[Tuple[float, float], Tuple[float, float]]],
     payloads: int,
+    control: Controlled,
 ) -> PayloadFigures:
     mine = np.asarray([i for i, f in enumerate(frames) if f.payload == name], dtype=np.int64)
     placed = mine[solution.model[mine] != UNPLACED]
@@ -139,6 +162,9 @@ def _payload(
     bow = Bowing()
     if len(known) and vertical:
         bow = bowing(centers[known], ground.east_north_up[known], [frames[i].flight for i in known])
+    proof = control.payloads.get(name)
+    if bow.bowing_m is None and proof is not None:
+        bow = proof.bowing
     profiles = sorted({frames[i].profile for i in placed})
     errors = [_mean_error(solution, placed[[frames[i].profile == p for i in placed]]) for p in profiles]
     gap = gaps.get(name)
@@ -167,6 +193,7 @@ def _payload(
         looks_down=looks_down(solution, laid, placed),
         positions=int(ground.known[mine].sum()),
         self_fitted=self_fitted,
+        control=proof,
     )
 
 

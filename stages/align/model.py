@@ -55,7 +55,11 @@ class AlignCamera:
 
 @dataclass(frozen=True)
 class GcpMark:
-    """A ground control point seen in one frame (pixels of ``AlignFrame.file``)."""
+    """A ground control point seen in one frame (pixels of ``AlignFrame.file``, 0, 0 the centre of the first one).
+
+    ``name`` is the point's name in the user's file. A ``check`` point is held
+    out: it moves nothing, its residual is measured.
+    """
 
     point: str
     path: str
@@ -64,6 +68,8 @@ class GcpMark:
     latitude: float
     longitude: float
     altitude_m: float
+    name: str = ""
+    check: bool = False
 
 
 @dataclass(frozen=True)
@@ -109,6 +115,48 @@ class Bowing:
     bowing_m: Optional[float] = None
     se_m: Optional[float] = None
     radius_m: Optional[float] = None
+
+
+@dataclass(frozen=True)
+class ControlResidual:
+    """Where one ground point came out against its coordinates, metres east, north, up, and from how many frames."""
+
+    point: str
+    check: bool
+    images: int
+    residual_m: Tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ControlFit:
+    """What ground control says of a model, or of one payload inside it.
+
+    ``horizontal_m`` and ``vertical_m`` are the RMS of the free network's
+    similarity to the control points, with its seven freedoms given back: the
+    proof. ``held`` says that the model was then adjusted with the points held
+    at their coordinates; ``points_m`` has what each point misses after that,
+    and ``check_horizontal_m``, ``check_vertical_m`` the RMS over check points,
+    which moved nothing. ``outliers`` are points that all the others
+    contradict. ``gps_offset_m`` is where GPS puts the anchor's cameras
+    against ground control. ``bowing`` is the free network's, by point heights.
+    ``verdict`` is ``pass`` (the points prove the model), ``fail`` (they
+    contradict it) or ``unproven`` (too few to say), ``text`` the reason.
+    """
+
+    points: int
+    horizontal_m: Optional[float] = None
+    vertical_m: Optional[float] = None
+    limit_m: Optional[float] = None
+    held: bool = False
+    check_points: int = 0
+    check_horizontal_m: Optional[float] = None
+    check_vertical_m: Optional[float] = None
+    gps_offset_m: Optional[Tuple[float, float, float]] = None
+    bowing: Bowing = Bowing()
+    points_m: Tuple[ControlResidual, ...] = ()
+    outliers: Tuple[str, ...] = ()
+    verdict: str = "unproven"
+    text: str = ""
 
 
 @dataclass(frozen=True)
@@ -192,6 +240,7 @@ class PayloadAlignment:
     reasons: Tuple[str, ...] = ()
     strong_cross_pairs: int = 0
     gps_offset_m: Optional[Tuple[float, float, float]] = None
+    control: Optional[ControlFit] = None
 
 
 @dataclass(frozen=True)
@@ -235,3 +284,4 @@ class AlignmentReport:
     areas: int = 1
     verdict: str = "unproven"
     decisions: Tuple[LockDecision, ...] = ()
+    control: Optional[ControlFit] = None

@@ -6,7 +6,7 @@ import hashlib
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import List, Optional, Sequence, Tuple
+from typing import List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -15,16 +15,20 @@ from ..progress import Cancel, Progress, check
 from ..record import dumps
 from ..thresholds import Thresholds
 from . import worker
+from .calibrate import frozen
 from .candidates import as_mapped, calibrate
+from .control import Controlled
+from .fit import Similarity
+from .held import hold_control
 from .judge import judge, overall
 from .measure import Measured, measure
 from .model import (
     AlignedFrame,
     AlignmentReport,
     AlignRequest,
-    Bowing,
     Candidate,
     GpsFit,
+    LockDecision,
     PairInliers,
     SolvedCamera,
 )
@@ -46,6 +50,8 @@ class Aligned:
     solution: Solution
     measured: Measured
     plan: PairPlan
+    ground: Ground
+    control: Controlled
 
 
 def align_once(
@@ -70,7 +76,7 @@ def align_once(
     if not request.frames:
         raise UsageError(f"{request.name}: there is no frame to align.")
     side = max_dim or rung_max_dim(rung, thresholds)
-    ground = ground_of(request.frames, request.cameras, side, thresholds)
+    ground = ground_of(request.frames, request.cameras, side, thresholds, request.gcps)
     plan = plan_pairs(request.frames, request.cameras, thresholds)
     job = build_job(request, plan, rung, side, _threads(), thresholds, extra)
     if start is not None:
@@ -85,14 +91,46 @@ def align_once(
     solution = worker.solve(job, engine, folder, workspace, progress, cancel)
     candidates: Tuple[Candidate, ...] = ()
     decisions = as_mapped(request, solution)
+    cameras = tuple(frozen(c) for c in solution.cameras)
     if not lock and start is None and solution.models:
-        solution, candidates, decisions = calibrate(
-            request, job, solution, ground, engine, folder, thresholds, progress, cancel
-        )
-    measured = measure(request.frames, solution, ground, plan.areas, thresholds)
+        done = calibrate(request, job, solution, ground, engine, folder, thresholds, progress, cancel)
+        solution, candidates, decisions, cameras = done.solution, done.candidates, done.decisions, done.moving
+    solution, control = hold_control(
+        request, job, solution, cameras, ground, engine, folder, thresholds, progress, cancel
+    )
+    measured = measure(request.frames, solution, ground, plan.areas, thresholds, control)
     report = assemble_report(request, rung, engine, job, solution, measured, ground, candidates, thresholds)
-    report = replace(report, decisions=decisions)
-    return Aligned(report, request, job, solution, measured, plan)
+    report = replace(report, control=measured.control)
+    report = replace(report, decisions=_as_held(decisions, report))
+    return Aligned(report, request, job, solution, measured, plan, ground, control)
+
+
+def judged_again(
+    aligned: Aligned, solution: Solution, laid: Mapping[int, Similarity], tied: Sequence[str], limits: Thresholds
+) -> Aligned:
+    """The alignment with ``solution`` in place of its own, models laid as given, and payloads that control ties."""
+    request = aligned.request
+    control = replace(aligned.control, laid=laid or aligned.control.laid)
+    measured = measure(request.frames, solution, aligned.ground, aligned.plan.areas, limits, control)
+    was = aligned.report
+    report = assemble_report(
+        request, was.rung, was.engine, aligned.job, solution, measured, aligned.ground, was.candidates, limits, tied
+    )
+    report = replace(report, decisions=was.decisions, control=measured.control)
+    return replace(aligned, report=report, solution=solution, measured=measured, control=control)
+
+
+def _as_held(decisions: Sequence[LockDecision], report: AlignmentReport) -> Tuple[LockDecision, ...]:
+    """Where control was held, a camera that was left to be solved is what came out with it."""
+    if report.control is None or not report.control.held:
+        return tuple(decisions)
+    solved = {c.profile: c for c in report.cameras}
+    return tuple(
+        replace(d, focal_ratio=solved[d.profile].focal_ratio, distortion=solved[d.profile].distortion)
+        if not d.hold and d.profile in solved
+        else d
+        for d in decisions
+    )
 
 
 def extended(first: AlignRequest, whole: AlignRequest) -> AlignRequest:
@@ -133,9 +171,10 @@ def assemble_report(
     ground: Ground,
     candidates: Tuple[Candidate, ...],
     limits: Thresholds,
+    tied: Sequence[str] = (),
 ) -> AlignmentReport:
-    """Put figures and verdicts into the report (pure)."""
-    payloads = judge(measured, limits)
+    """Put figures and verdicts into the report (pure); ``tied`` are payloads that ground control joins to the rest."""
+    payloads = judge(measured, limits, tied)
     placed = solution.model != UNPLACED
     weight = solution.observations[placed].astype(float)
     error = None
@@ -143,6 +182,8 @@ def assemble_report(
         error = round(float(np.average(np.nan_to_num(solution.error_px[placed]), weights=weight)), 4)
     good = solution.pairs[solution.pairs[:, 2] > 0]
     anchor = next((p for p in payloads if p.payload == measured.anchor), None)
+    # Without any GPS ground control alone may lay the block: then its largest payload speaks for it.
+    speaker = anchor or max(payloads, key=lambda p: (p.height_m is not None, p.registered))
     frames: List[AlignedFrame] = []
     for index, frame in enumerate(request.frames):
         miss = measured.centers[index] - ground.east_north_up[index]
@@ -168,8 +209,8 @@ def assemble_report(
         mean_reproj_error_px=error,
         anchor=measured.anchor,
         gps=anchor.together if anchor else GpsFit(0),
-        height_m=anchor.height_m if anchor else None,
-        bowing=anchor.bowing if anchor else Bowing(),
+        height_m=speaker.height_m,
+        bowing=speaker.bowing,
         payloads=payloads,
         cameras=solved_cameras(request, job, solution),
         candidates=candidates,

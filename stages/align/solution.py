@@ -124,12 +124,36 @@ class Job:
 
 
 @dataclass(frozen=True)
+class HeldPoint:
+    """A control point that an adjustment holds: its place in metres, and marks (frame row, x, y in working px)."""
+
+    place: Tuple[float, float, float]
+    marks: Tuple[Tuple[int, float, float], ...]
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Control of one model: the similarity that lays it on the ground (row-major rotation), and its points."""
+
+    model: int
+    scale: float
+    rotation: Tuple[float, ...]
+    translation: Tuple[float, float, float]
+    points: Tuple[HeldPoint, ...]
+
+
+@dataclass(frozen=True)
 class AdjustJob:
-    """Bundle adjustments on copies of stored models: one solution per variant of the cameras."""
+    """Bundle adjustments on copies of stored models: one solution per variant of the cameras.
+
+    A model that ``holds`` speaks of is laid on the ground and adjusted with
+    its control points constant; its solution is then in metres.
+    """
 
     models: str
     job: Job
     variants: Tuple[Tuple[CameraSetting, ...], ...]
+    holds: Tuple[Hold, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -7,17 +7,17 @@ or place is wrong cannot pull the frame of reference towards itself.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from dataclasses import dataclass, field, replace
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..thresholds import Thresholds
-from .enu import local_frame
+from .enu import enu
 from .fit import Similarity, collinear, robust_similarity
 from .images import working_size
-from .model import AlignCamera, AlignFrame
+from .model import AlignCamera, AlignFrame, GcpMark
 from .solution import UNPLACED, Array, Solution
 
 Rows = npt.NDArray[np.int64]
@@ -30,11 +30,13 @@ class Ground:
     ``sigma`` (N, 2) is the spread in metres, horizontal and vertical, that a
     right model's centres show against them: the receiver's and the free
     network's own. ``vertical`` (N,) says whose altitude is a measurement.
+    ``control`` has the places of ground points by id in the same frame.
     """
 
     east_north_up: Array
     sigma: Array
     vertical: npt.NDArray[np.bool_]
+    control: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def known(self) -> npt.NDArray[np.bool_]:
@@ -42,8 +44,14 @@ class Ground:
         return np.isfinite(self.east_north_up[:, 0])
 
 
-def ground_of(frames: Sequence[AlignFrame], cameras: Sequence[AlignCamera], max_dim: int, limits: Thresholds) -> Ground:
-    """Lay the measured positions on a local metric frame; frames are solved at ``max_dim`` px.
+def ground_of(
+    frames: Sequence[AlignFrame],
+    cameras: Sequence[AlignCamera],
+    max_dim: int,
+    limits: Thresholds,
+    marks: Sequence[GcpMark] = (),
+) -> Ground:
+    """Lay the measured positions and ground points on a local metric frame; frames are solved at ``max_dim`` px.
 
     The network's own spread is a few pixels on the ground at the size it was
     solved at: without it, no block flown with RTK could ever fit. A flight
@@ -52,8 +60,17 @@ def ground_of(frames: Sequence[AlignFrame], cameras: Sequence[AlignCamera], max_
     """
     places = np.full((len(frames), 3), np.nan)
     rows = [i for i, f in enumerate(frames) if f.position is not None]
-    if rows:
-        places[rows] = local_frame([p for p in (f.position for f in frames) if p is not None])
+    measured = np.asarray([p for p in (f.position for f in frames) if p is not None], dtype=float).reshape(-1, 3)
+    points: Dict[str, Tuple[float, float, float]] = {}
+    for mark in sorted(marks, key=lambda m: (m.point, m.path)):
+        points.setdefault(mark.point, (mark.latitude, mark.longitude, mark.altitude_m))
+    spots = np.asarray([points[n] for n in points], dtype=float).reshape(-1, 3)
+    control: Dict[str, Array] = {}
+    if rows or points:
+        # The median of each coordinate: one wrong position does not tilt the frame.
+        origin = np.median(measured if rows else spots, axis=0)
+        places[rows] = enu(measured, origin)
+        control = dict(zip(points, enu(spots, origin)))
     receiver = np.asarray([f.sigma_m or _default_sigma(limits) for f in frames], dtype=float).reshape(-1, 2)
     floor = np.maximum(receiver, limits.rtk_sigma_floor_m)
     pixels = np.array([limits.network_sigma_horizontal_px, limits.network_sigma_vertical_px])
@@ -64,7 +81,7 @@ def ground_of(frames: Sequence[AlignFrame], cameras: Sequence[AlignCamera], max_
             altitude[frame.flight].append(frame.position[2])
     flat = {flight for flight, values in altitude.items() if all(v == 0.0 for v in values)}
     vertical = np.asarray([f.position is not None and f.flight not in flat for f in frames], dtype=bool)
-    return Ground(places, sigma, vertical)
+    return Ground(places, sigma, vertical, control)
 
 
 def _working_gsd_m(
@@ -153,12 +170,19 @@ def rows_of(frames: Sequence[AlignFrame], solution: Solution, model: int, payloa
 
 
 def lay_models(
-    frames: Sequence[AlignFrame], solution: Solution, ground: Ground, anchor: Optional[str], limits: Thresholds
+    frames: Sequence[AlignFrame],
+    solution: Solution,
+    ground: Ground,
+    anchor: Optional[str],
+    limits: Thresholds,
+    control: Optional[Mapping[int, Similarity]] = None,
 ) -> Tuple[Tuple[Optional[Similarity], str], ...]:
     """Return each model's similarity and the payload that carried it.
 
     The anchor carries it where it has enough centres off one line there, else
     the payload with most such frames, else all frames together (then ``""``).
+    Scale and tilt of a model in ``control`` are ground control's; only its
+    place is then moved onto its carrier's GPS, whose datum may be another.
     """
     laid: List[Tuple[Optional[Similarity], str]] = []
     for model in range(solution.models):
@@ -179,8 +203,25 @@ def lay_models(
                     break
         if chosen[0] is None:
             chosen = (fit_rows(solution, ground, inside), "")
+        if control and model in control:
+            chosen = shifted(control[model], solution, ground, order, frames, model)
         laid.append(chosen)
     return tuple(laid)
+
+
+def shifted(
+    fit: Similarity, solution: Solution, ground: Ground, order: Sequence[str], frames: Sequence[AlignFrame], model: int
+) -> Tuple[Similarity, str]:
+    """Return ground control's similarity with its place moved to the first payload that has GPS there, and that one."""
+    for payload in order:
+        rows = rows_of(frames, solution, model, payload)
+        rows = rows[ground.known[rows]]
+        if len(rows):
+            gap = np.median(ground.east_north_up[rows] - fit.points(solution.center[rows]), axis=0)
+            if not ground.vertical[rows].all():
+                gap[2] = 0.0
+            return replace(fit, translation=fit.translation + gap), payload
+    return fit, ""
 
 
 def laid_centers(solution: Solution, laid: Sequence[Tuple[Optional[Similarity], str]]) -> Array:

@@ -72,6 +72,13 @@ def _block(names="abc"):
     return request(*[frames(grid(), n, 5000.0 * i) for i, n in enumerate(names)])
 
 
+def _passed(aligned, payload, limits):
+    """What control joins, passes."""
+    payloads = tuple(replace(p, verdict="pass") for p in aligned.report.payloads)
+    report = replace(aligned.report, payloads=payloads, verdict="pass")
+    return SimpleNamespace(report=report, request=aligned.request, solution=aligned.solution, job=None)
+
+
 def _routes(proof: Proof):
     return {g.payloads: g.route for g in proof.groups}
 
@@ -119,6 +126,7 @@ def test_pairwise_may_be_enough(solver, tmp_path):
 def test_ground_control_ties_what_matches_cannot(solver, tmp_path, monkeypatch):
     solver(lambda rung, names: {"b": "fail"} if len(names) > 1 else {})
     monkeypatch.setattr(route, "tie_by_control", lambda *_: SimpleNamespace(holds=True, text="tied by 5 points"))
+    monkeypatch.setattr(route, "joined_by_control", _passed)
     found = prove(_block(), tmp_path).groups
     assert "b" in found[0].payloads and found[0].route == "pairwise"
     assert any("tied by 5 points" in r for r in found[0].reasons)

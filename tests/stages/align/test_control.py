@@ -5,16 +5,33 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sensorgate.stages.align.control import intersect, lay_by_control, rays, tie_by_control
+from sensorgate.stages.align.control import (
+    Controlled,
+    holds_of,
+    intersect,
+    lay_by_control,
+    lays_of,
+    of_payload,
+    rays,
+    residuals,
+)
+from sensorgate.stages.align.judge import judge
+from sensorgate.stages.align.measure import measure
 from sensorgate.stages.align.model import GcpMark
 from sensorgate.stages.align.models import camera_model, read_model
+from sensorgate.stages.align.run import Aligned, assemble_report
 from sensorgate.stages.align.solution import CameraSetting
 from sensorgate.stages.align.textmodel import project
+from sensorgate.stages.align.tie import joined_by_control, tie_by_control
+from sensorgate.stages.align.world import ground_of
 from sensorgate.stages.thresholds import DEFAULTS
 
-from tests.stages.align.scenes import frames, geographic, grid, job_for, request, solution
+from tests.stages.align.scenes import frames, geographic, grid, job_for, neighbours, request, solution
 
 SPOTS = np.array([[0.0, 0.0, 0.0], [25.0, 10.0, 1.0], [-25.0, 12.0, 0.0], [20.0, -14.0, 2.0], [-18.0, -15.0, 0.5]])
+
+
+WIDE = np.array([[0.0, 0.0, 0.0], [38.0, 20.0, 1.0], [-38.0, 18.0, 0.0], [36.0, -22.0, 2.0], [-35.0, -20.0, 0.5]])
 
 
 def _marks(group, places, spots=SPOTS, noise_px=0.0):
@@ -24,7 +41,7 @@ def _marks(group, places, spots=SPOTS, noise_px=0.0):
         for frame, place in zip(group, places):
             local = spot - place
             u, v = local[0] / -local[2], -local[1] / -local[2]
-            x, y = 2000 + 2400 * u, 1500 + 2400 * v
+            x, y = 1999.5 + 2400 * u, 1499.5 + 2400 * v
             if 0 < x < 4000 and 0 < y < 3000:
                 x, y = np.array([x, y]) + gen.normal(0, noise_px, 2)
                 found.append(GcpMark(name, frame.path, float(x), float(y), *position))
@@ -39,21 +56,163 @@ def _apart(spots_b=SPOTS, noise_px=0.0, shift=(0.0, 0.0, 0.0)):
     marks = _marks(fa, a, noise_px=noise_px) + _marks(fb, b, spots_b, noise_px)
     asked = replace(asked, gcps=marks)
     solved = solution(asked, np.concatenate([a, b + np.asarray(shift)]), model=[0] * 18 + [1] * 12)
-    return SimpleNamespace(request=asked, job=job_for(asked), solution=solved)
+    return SimpleNamespace(request=asked, job=job_for(asked), solution=solved, ground=_ground(asked))
+
+
+def _ground(asked):
+    return ground_of(asked.frames, asked.cameras, 1200, DEFAULTS, asked.gcps)
+
+
+def _block(positions=True, spots=WIDE, noise_px=0.0, warp=lambda places: places):
+    """One payload of 18 frames with marks; ``warp`` bends the solved centres."""
+    places = grid()
+    group = frames(places)
+    marks = _marks(group, places, spots, noise_px)
+    if not positions:
+        group = [replace(f, position=None, height_m=None) for f in group]
+    asked = replace(request(group), gcps=marks)
+    solved = solution(asked, warp(places), pairs=neighbours(18))
+    return SimpleNamespace(request=asked, job=job_for(asked), solution=solved, ground=_ground(asked))
+
+
+def _lay(scene, model=0):
+    return lay_by_control(scene.request, scene.job, scene.solution, scene.ground, model, DEFAULTS)
+
+
+def _verdict(scene):
+    lays = lays_of(scene.request, scene.job, scene.solution, scene.ground, DEFAULTS)
+    fit = of_payload(scene.request, scene.job, scene.solution, scene.ground, lays, "a", DEFAULTS)
+    control = Controlled({m: lay.similarity for m, lay in lays.items() if lay.holds}, fit, {"a": fit})
+    areas = [0] * len(scene.request.frames)
+    return judge(measure(scene.request.frames, scene.solution, scene.ground, areas, DEFAULTS, control), DEFAULTS)[0]
 
 
 def test_marks_intersect_at_their_points():
     scene = _apart()
     found = intersect(scene.request, scene.job, scene.solution, scene.request.gcps, 0)
     assert len(found) == 5 and all(count >= 2 for _, count in found.values())
-    fit, count, miss = lay_by_control(scene.request, scene.job, scene.solution, scene.request.gcps, 0, DEFAULTS)
-    assert fit is not None and count == 5 and miss < 1e-3
-    assert fit.scale == pytest.approx(1 / 0.07, rel=1e-6)
+    lay = _lay(scene)
+    assert lay.similarity is not None and lay.fit.points == 5 and lay.fit.horizontal_m < 1e-3
+    assert lay.similarity.scale == pytest.approx(1 / 0.07, rel=1e-6)
+
+
+def test_a_block_without_gps_is_proven_by_its_ground_control():
+    scene = _block(positions=False, noise_px=1.0)
+    found = _verdict(scene)
+    assert found.verdict == "pass" and any("control points fit" in r for r in found.reasons)
+    assert found.height_m == pytest.approx(60.0, abs=0.5)
+    assert found.control is not None and found.control.points == 5
+
+
+def test_without_gps_few_points_prove_nothing_but_may_be_held():
+    scene = _block(positions=False)
+    scene.request = replace(scene.request, gcps=tuple(m for m in scene.request.gcps if m.point in "qrs"))
+    lay = _lay(scene)
+    assert lay.fit.verdict == "unproven" and lay.holds
+    assert _verdict(scene).verdict == "unproven"
+
+
+def test_without_gps_a_model_that_control_contradicts_fails():
+    def stretched(places):
+        return places * np.array([1.12, 1.0, 1.0])
+
+    scene = _block(positions=False, warp=stretched)
+    assert _lay(scene).fit.verdict == "fail"
+    assert _verdict(scene).verdict == "fail"
+
+
+def test_points_in_one_corner_are_not_held():
+    spots = np.array([[0.0, 0.0, 0.0], [6.0, 2.0, 1.0], [-5.0, 4.0, 0.0], [4.0, -6.0, 2.0], [-5.0, -5.0, 0.5]])
+    lay = _lay(_block(spots=spots))
+    assert not lay.holds and "span" in lay.fit.text
+
+
+def test_one_wrong_point_is_named_and_left_out():
+    scene = _block()
+    wrong = {m.point: geographic(np.array([[38.0, 20.0, 9.0]]))[0] for m in scene.request.gcps if m.point == "q"}
+    scene.request = replace(
+        scene.request,
+        gcps=tuple(
+            replace(m, name=f"P-{m.point}", altitude_m=wrong.get(m.point, (0, 0, m.altitude_m))[2])
+            for m in scene.request.gcps
+        ),
+    )
+    scene.ground = _ground(scene.request)
+    lay = _lay(scene)
+    assert lay.fit.outliers == ("P-q",) and lay.fit.horizontal_m < 0.01
+
+
+def test_coordinates_in_another_unit_are_contradicted_by_gps():
+    scene = _block()
+    centre = WIDE.mean(axis=0)
+    feet = dict(zip("pqrst", geographic((WIDE - centre) * 1.6 + centre)))
+    scene.request = replace(
+        scene.request,
+        gcps=tuple(
+            replace(m, latitude=feet[m.point][0], longitude=feet[m.point][1], altitude_m=feet[m.point][2])
+            for m in scene.request.gcps
+        ),
+    )
+    scene.ground = _ground(scene.request)
+    lay = _lay(scene)
+    assert lay.fit.verdict == "fail" and not lay.holds and "GPS contradicts" in lay.fit.text
+    assert _verdict(scene).verdict == "pass"
+
+
+def test_another_datum_is_an_offset_and_no_contradiction():
+    scene = _block()
+    scene.request = replace(
+        scene.request, gcps=tuple(replace(m, altitude_m=m.altitude_m - 31.0) for m in scene.request.gcps)
+    )
+    scene.ground = _ground(scene.request)
+    lays = lays_of(scene.request, scene.job, scene.solution, scene.ground, DEFAULTS)
+    assert lays[0].holds
+    control = Controlled({0: lays[0].similarity}, lays[0].fit, {"a": lays[0].fit})
+    areas = [0] * 18
+    measured = measure(scene.request.frames, scene.solution, scene.ground, areas, DEFAULTS, control)
+    assert measured.control.gps_offset_m == pytest.approx((0.0, 0.0, 31.0), abs=0.01)
+    assert judge(measured, DEFAULTS)[0].verdict == "pass"
+
+
+def test_check_points_move_nothing_and_are_measured():
+    scene = _block()
+    scene.request = replace(
+        scene.request,
+        gcps=tuple(
+            replace(m, check=m.point == "p", altitude_m=m.altitude_m + (0.4 if m.point == "p" else 0.0))
+            for m in scene.request.gcps
+        ),
+    )
+    scene.ground = _ground(scene.request)
+    lay = _lay(scene)
+    assert lay.fit.points == 4
+    held = holds_of(scene.request, scene.job, scene.solution, scene.ground, {0: replace(lay, holds=True)})
+    assert len(held[0].points) == 4
+    told = residuals(scene.request, scene.job, scene.solution, scene.ground, lay, lay.similarity)
+    assert told.check_points == 1 and told.check_vertical_m == pytest.approx(0.4, abs=0.01)
+    assert [r.point for r in told.points_m if r.check] == ["p"]
 
 
 def test_control_ties_what_matches_cannot():
     tie = tie_by_control(_apart(noise_px=2.0), "b", DEFAULTS)
     assert tie.holds and "5 ground control points" in tie.text
+
+
+def test_what_control_ties_is_one_model_and_its_report_agrees():
+    scene = _apart()
+    asked, solved, ground = scene.request, scene.solution, scene.ground
+    pairs = np.asarray(neighbours(18) + neighbours(12, start=18), dtype=np.int64)
+    solved = replace(solved, pairs=pairs, point_xyz=np.zeros((0, 3)), point_model=np.zeros(0, dtype=np.int64))
+    areas = (0,) * 30
+    control = Controlled({}, None, {})
+    measured = measure(asked.frames, solved, ground, areas, DEFAULTS, control)
+    report = assemble_report(asked, "pairwise", "pycolmap", scene.job, solved, measured, ground, (), DEFAULTS)
+    assert {p.payload: p.verdict for p in report.payloads}["b"] == "fail"
+    plan = SimpleNamespace(areas=areas)
+    aligned = Aligned(report, asked, scene.job, solved, measured, plan, ground, control)
+    joined = joined_by_control(aligned, "b", DEFAULTS)
+    assert joined.report.components == 1
+    assert {p.payload: p.verdict for p in joined.report.payloads} == {"a": "pass", "b": "pass"}
 
 
 def test_wrong_marks_do_not_tie():
