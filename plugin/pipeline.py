@@ -74,8 +74,9 @@ def run(
     resume: bool = False,
     progress: Optional[Progress] = None,
     cancel: Optional[Cancel] = None,
+    inspection: Optional[Inspection] = None,
 ) -> Result:
-    """The main job: from mixed imagery to ODM projects in ``out``.
+    """The main job: from mixed imagery to ODM projects in ``out``; an ``inspection`` of it is not made again.
 
     Exit 0 when all frames are placed and proceed, 1 when something is
     isolated, unproven or left out, 3 (``BlockedError``) when nothing could be
@@ -87,7 +88,7 @@ def run(
     started = False
     try:
         with disk_errors(folder.out):
-            inspection = inspect(paths, settings, progress=progress, cancel=cancel)
+            inspection = inspection or inspect(paths, settings, progress=progress, cancel=cancel)
             if inspection.verdict == BLOCKED:
                 raise BlockedError(blocked_message(inspection))
             folder.begin(reporting.digest_of(inspection.survey, settings.identity()), resume)
