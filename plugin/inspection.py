@@ -7,6 +7,7 @@ import hashlib
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Union
 
+from ..stages.calibrations import read_store, store_digest
 from ..stages.elevation import open_elevation
 from ..stages.errors import UsageError
 from ..stages.finding import Finding, sort_key
@@ -60,6 +61,7 @@ class Settings:
     look: bool = False
     control_points: Optional[str] = None
     dem: Optional[str] = None
+    calibrations: Optional[str] = None
 
     def identity(self) -> Dict[str, Any]:
         """Everything that decides, thresholds too; two runs with equal inputs and identity give equal bytes."""
@@ -76,6 +78,8 @@ class Settings:
             if f.name != "thresholds" and getattr(self, f.name) != f.default
         }
         hashes = {f"{name}_sha256": _content_hash(changed[name], name) for name in _FILES if name in changed}
+        if self.calibrations is not None:
+            hashes["calibrations_sha256"] = store_digest(read_store(self.calibrations))
         return {**changed, **hashes}
 
 
@@ -138,6 +142,7 @@ def inspect(
         settings.thresholds,
         ground_m=settings.ground_m,
         elevation=open_elevation(settings.dem, settings.thresholds) if settings.dem is not None else None,
+        stored=read_store(settings.calibrations) if settings.calibrations is not None else None,
     )
     survey = replace(survey, profiles=tuple(_with_thermal_reading(p, survey) for p in survey.profiles))
     assessed = assess(survey, settings.thresholds, gsd_target=settings.gsd_target)

@@ -236,7 +236,7 @@ def write_entry(folder: Union[str, Path], entry: Entry) -> None:
     write_text(Path(folder) / entry_name(entry.key), dumps(entry))
 
 
-def digest_of(store: Mapping[Key, Entry]) -> str:
+def store_digest(store: Mapping[Key, Entry]) -> str:
     """SHA-256 of what the store offers: two runs with equal stores decide alike."""
     offered = sorted(json.dumps(to_plain((e.key, e.best)), sort_keys=True) for e in store.values())
     return hashlib.sha256("\n".join(offered).encode("utf-8")).hexdigest()

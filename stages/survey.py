@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Hashable, List, Mapping, Optional, Sequence, Tuple
 
 from .areas import find_areas
+from .calibrations import Entry, Key, with_stored
 from .captures import find_bodies, group_captures
 from .elevation import Elevation, ElevationSource
 from .flights import (
@@ -275,11 +276,13 @@ def build(
     *,
     ground_m: Optional[float] = None,
     elevation: Optional[Elevation] = None,
+    stored: Optional[Mapping[Key, Entry]] = None,
     open_path: Callable[[str], Path] = Path,
 ) -> Survey:
     """Place every frame of a scan. The same frames in any order give the same survey.
 
     The ground is ``ground_m`` everywhere, or what ``elevation`` says under each frame.
+    ``stored`` are calibrations that earlier surveys proved.
     """
     files = tuple(sorted(scan.frames, key=lambda f: f.path))
     sheet = _RememberingSheet(sheet.rows, sheet.thresholds)
@@ -304,6 +307,8 @@ def build(
         )
     intrinsics_of = {s.frame.path: s.intrinsics for s in sights}
     profiles = group(sights, limits)
+    if stored:
+        profiles, intrinsics_of = with_stored(profiles, intrinsics_of, stored, limits)
     capture_of = _captures(sights, kinds, limits)
     payloads = find_payloads(profiles)
     payload_of = {member: p.id for p in payloads for member in p.profiles}

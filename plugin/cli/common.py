@@ -27,6 +27,9 @@ def add_input(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("paths", nargs="+", metavar="PATH", help="folders or image files")
     parser.add_argument("--calibration", metavar="FILE", help="your own calibration sheet (JSON or CSV); it wins")
     parser.add_argument(
+        "--calibrations", metavar="DIR", help="calibrations that earlier surveys proved; run adds what it proves"
+    )
+    parser.add_argument(
         "--ground", metavar="FILE|METRES", help="elevation model, or the ground's altitude, for heights above ground"
     )
     parser.add_argument(

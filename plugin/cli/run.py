@@ -50,6 +50,7 @@ def call(args: argparse.Namespace) -> int:
             pipeline.Settings(
                 thresholds=thresholds_from(args),
                 calibration=args.calibration,
+                calibrations=args.calibrations,
                 **ground_from(args.ground),
                 look=args.look,
                 gsd_target=gsd_target_from(args.gsd_target),

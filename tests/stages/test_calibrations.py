@@ -18,10 +18,10 @@ from sensorgate.stages.calibrations import (
     Entry,
     Key,
     Measurement,
-    digest_of,
     entry_name,
     key_of,
     read_store,
+    store_digest,
     updated,
     with_stored,
     worth_keeping,
@@ -102,7 +102,7 @@ def test_to_disk_and_back(tmp_path: Path):
     assert read_store(tmp_path / "none") == {}
     write_entry(tmp_path, entry)
     assert read_store(tmp_path) == {KEY: entry}
-    assert digest_of(read_store(tmp_path)) == digest_of({KEY: entry}) != digest_of({})
+    assert store_digest(read_store(tmp_path)) == store_digest({KEY: entry}) != store_digest({})
 
 
 @pytest.mark.parametrize(
