@@ -15,11 +15,12 @@ from ...stages.finding import Finding
 from ...stages.frame import Frame
 from ...stages.gate import is_rtk_fixed
 from ...stages.harmonize.bands_model import BandPlan
-from ...stages.harmonize.model import FlightAction, HarmonizedFrame, HarmonizePlan, Lut
+from ...stages.harmonize.model import FlightAction, HarmonizedFrame, HarmonizePlan, Lut, Outcome
 from ...stages.profile import CameraProfile, SurveyFrame
 from ...stages.record import to_plain
 from ...stages.survey import Survey
 from ...stages.thresholds import DEFAULTS, Thresholds
+from ..odm.sizes import OdmLoad, loads
 from ..version import VERSION
 from .bands import bands_record
 
@@ -112,6 +113,7 @@ def build(
     files = survey.file_of()
     frames = [_frame(f, files[f.path], odm_ids, gps_sigma, home, action_of, done) for f in survey.frames]
     frames += [_broken_frame(b.path, b.code) for b in survey.broken]
+    gain_of = _gains(plan, thresholds)
     report = {
         "schema_version": SCHEMA_VERSION,
         "verdict": verdict,
@@ -121,7 +123,7 @@ def build(
         "payloads": survey.payloads,
         "profiles": [_profile(p, odm_ids, done) for p in survey.profiles],
         "findings": tuple(findings),
-        "actions": [_action(a, plan.luts) for a in plan.actions],
+        "actions": [_action(a, plan.luts, gain_of.get((a.profile, a.flight))) for a in plan.actions],
         "bands": bands_record(done.bands),
         "subprojects": done.subprojects,
         "odm": {"projects": 1, "notes": list(odm_notes)} if odm_ids else None,
@@ -232,7 +234,38 @@ def _profile(profile: CameraProfile, odm_ids: Mapping[str, str], done: Written) 
     return plain
 
 
-def _action(action: FlightAction, luts: Sequence[Lut]) -> Dict[str, Any]:
+def _gains(plan: HarmonizePlan, thresholds: Thresholds) -> Dict[Tuple[str, str], Dict[str, Any]]:
+    """(profile, flight) -> what resampling brings and costs, ODM's part with it."""
+    odm = loads(plan.gains, thresholds)
+    told: Dict[Tuple[str, str], Dict[str, Any]] = {}
+    for gain in plan.gains:
+        key = (gain.profile, gain.flight)
+        native, resampled = odm[key]
+        told[key] = {
+            "ratio": round(gain.ratio, 4),
+            "trigger": round(gain.trigger, 4),
+            "chosen": gain.chosen,
+            "native": _outcome(gain.native, native),
+            "resampled": _outcome(gain.resampled, resampled),
+        }
+    return told
+
+
+def _outcome(outcome: Outcome, odm: OdmLoad) -> Dict[str, Any]:
+    return {
+        "scale": outcome.scale,
+        "width": outcome.width,
+        "height": outcome.height,
+        "inliers": round(outcome.inliers, 3),
+        "megapixels": round(outcome.megapixels, 1),
+        "size_bytes": outcome.size_bytes,
+        "odm_inliers": round(odm.inliers, 3),
+        "odm_feature_px": odm.feature_px,
+        "odm_undistorted_px": odm.undistorted_px,
+    }
+
+
+def _action(action: FlightAction, luts: Sequence[Lut], gain: Optional[Mapping[str, Any]]) -> Dict[str, Any]:
     table = next((t for t in luts if t.id == action.lut), None)
     return {
         "profile": action.profile,
@@ -256,6 +289,7 @@ def _action(action: FlightAction, luts: Sequence[Lut]) -> Dict[str, Any]:
         if table
         else None,
         "reasons": list(action.reasons),
+        "gain": gain,
     }
 
 

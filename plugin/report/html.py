@@ -62,6 +62,7 @@ def render(report: Mapping[str, Any], previews: Mapping[str, bytes] = {}) -> str
         route_advice=ROUTE_ADVICE,
         source_words=SOURCE_WORDS,
         spread=story.spread_words,
+        gain_words=story.gain_words,
     )
     return environment.get_template("report.html").render(
         **_context(view),

@@ -160,6 +160,40 @@ def _resolution(view: View) -> Optional[Comparison]:
     return Comparison("Ground resolution", alone, f"{plural(count, 'frame')} {verb} × {factor}, originals untouched.")
 
 
+def gain_words(action: Optional[Mapping[str, Any]]) -> str:
+    """What resampling a flight brings and costs, or would; nothing where it is within the trigger."""
+    gain = (action or {}).get("gain")
+    if not gain or not (gain["chosen"] or gain["ratio"] - 1.0 > gain["trigger"]):
+        return ""
+    now, then = gain["native"], gain["resampled"]
+    coarser = f"{gain['ratio']:.2f} × coarser than the finest, " if gain["ratio"] > 1.005 else ""
+    verb = "resampled" if gain["chosen"] else "kept; resampled"
+    pixels = f"{then['megapixels'] / now['megapixels']:.2g} × pixels, " if now["megapixels"] else ""
+    return (
+        f"{coarser}{verb} × {then['scale']:.2f}: expected matches {_shares(now['inliers'], then['inliers'])}, "
+        f"inside ODM {_shares(now['odm_inliers'], then['odm_inliers'])}; {pixels}"
+        f"{size_words(now['size_bytes'])} → about {size_words(then['size_bytes'])}; "
+        f"ODM features at {_changed(now['odm_feature_px'], then['odm_feature_px'])} px, "
+        f"undistorted {_changed(now['odm_undistorted_px'], then['odm_undistorted_px'])} px"
+    )
+
+
+def _shares(before: float, after: float) -> str:
+    return f"{_changed(round(100 * before), round(100 * after))} %"
+
+
+def _changed(before: int, after: int) -> str:
+    return f"{before}" if before == after else f"{before} → {after}"
+
+
+def size_words(count: int) -> str:
+    """Bytes as a pilot reads them: ``820 MB``, ``1.4 GB``."""
+    for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
+        if count >= size:
+            return f"{count / size:.1f} {unit}" if count < 10 * size else f"{count / size:.0f} {unit}"
+    return f"{count / 1e3:.0f} kB"
+
+
 def _brightness(view: View) -> Optional[Comparison]:
     matched = [a for a in view.report["actions"] if a["lut"]]
     if not matched:

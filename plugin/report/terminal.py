@@ -12,6 +12,7 @@ from .view import SHORT_SOURCES, PayloadRow, View, figure, plural
 MOST_FINDINGS = 8
 MOST_PAYLOADS = 12
 MOST_PROJECTS = 8
+MOST_GAINS = 4
 LEAST_WIDTH = 40
 INDENT = 8
 SPECTRA = {"rgb": "rgb", "multispectral": "multi", "thermal": "thermal"}
@@ -47,7 +48,13 @@ def lines(report: Mapping[str, Any], width: int = 100, colour: bool = False, out
     headline, detail = story.verdict(view)
     told = [paint(part, VERDICT_PAINT[view.report["verdict"]]) for part in _wrapped(headline, width)]
     told.extend(_wrapped(detail, width))
-    for part in (_table(view, width, paint), _findings(view, width, paint), _projects(view, width, paint)):
+    parts = (
+        _table(view, width, paint),
+        _gains(view, width, paint),
+        _findings(view, width, paint),
+        _projects(view, width, paint),
+    )
+    for part in parts:
         if part:
             told.extend(["", *part])
     following = _next(view, out)
@@ -135,6 +142,23 @@ def _table(view: View, width: int, paint: Callable[[str, str], str]) -> List[str
     if len(rows) > len(shown):
         told.append(f"and {plural(len(rows) - len(shown), 'more payload')}")
     return told
+
+
+def _gains(view: View, width: int, paint: Callable[[str, str], str]) -> List[str]:
+    """What resampling brings and costs, coarsest flights first; nothing once it was done."""
+    if view.written:
+        return []
+    actions = sorted(
+        (a for a in view.report["actions"] if story.gain_words(a)),
+        key=lambda a: (-a["gain"]["ratio"], a["profile"], a["flight"]),
+    )
+    told = []
+    for action in actions[:MOST_GAINS]:
+        body = _wrapped(f"{action['flight']}: {story.gain_words(action)}", width - 4)
+        told.extend([f"  {body[0]}", *(f"    {part}" for part in body[1:])])
+    if len(actions) > MOST_GAINS:
+        told.append(f"  and {plural(len(actions) - MOST_GAINS, 'more flight')} in the report")
+    return [paint("Resampling", "bold"), *told] if told else []
 
 
 def _findings(view: View, width: int, paint: Callable[[str, str], str]) -> List[str]:

@@ -53,11 +53,51 @@ class FlightAction:
 
 
 @dataclass(frozen=True)
+class Outcome:
+    """A flight's frames at one size: expected share of matches with the finest frames, and what they take.
+
+    ``inliers`` is relative to frames of equal ground resolution;
+    ``megapixels`` and ``size_bytes`` (estimated where resampled) are of all
+    frames of the flight.
+    """
+
+    scale: float
+    width: int
+    height: int
+    gsd_cm: Optional[float]
+    inliers: float
+    megapixels: float
+    size_bytes: int
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What resampling one profile and flight brings and costs.
+
+    ``ratio`` is its ground resolution over the finest of its spectrum and
+    ``ground``. ``chosen`` is set where the plan resamples it: ``resampled`` is
+    then what the plan writes, else what bringing it to the finest would mean.
+    """
+
+    profile: str
+    flight: str
+    spectrum: str
+    ground: str
+    frames: int
+    ratio: float
+    trigger: float
+    chosen: bool
+    native: Outcome
+    resampled: Outcome
+
+
+@dataclass(frozen=True)
 class HarmonizePlan:
     """All that harmonizing will do, before any pixel moves."""
 
     actions: Tuple[FlightAction, ...]
     luts: Tuple[Lut, ...] = ()
+    gains: Tuple[Gain, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from ..frame import Frame
 from ..geo import median
 from ..profile import RGB, CameraProfile, Flight, SurveyFrame
 from ..thresholds import Thresholds
-from .model import FlightAction, HarmonizePlan, Lut
+from .gains import gains_of
+from .model import FlightAction, Gain, HarmonizePlan, Lut
 from .targets import FINEST, Target, choose, rewritable, taggable
 from .units import Group, Key, Unit, find_units, grounds, survey_groups
 
@@ -54,6 +55,7 @@ def plan(
     planes = _sensor_widths(frames, by_id)
     tables = {lut.id: lut for lut in luts}
     sizes = _out_sizes(units, targets, by_id, thresholds)
+    gains = gains_of(units, targets, sizes, files, thresholds)
     actions: List[FlightAction] = []
     findings: List[Finding] = []
     for unit in units:
@@ -65,12 +67,12 @@ def plan(
                 said = f"stale focal-plane tags: the copies say a sensor width of {width_mm:.2f} mm"
                 action = replace(action, sensor_width_mm=width_mm, reasons=(*action.reasons, said))
             actions.append(action)
-        findings.extend(_unit_findings(unit, target, sizes))
+        findings.extend(_unit_findings(unit, target, sizes, gains))
     findings.extend(_unknown(units, targets))
     actions.sort(key=lambda a: (a.profile, a.flight))
     used = {a.lut for a in actions}
     kept = tuple(sorted((t for t in tables.values() if t.id in used), key=lambda t: t.id))
-    return HarmonizePlan(tuple(actions), kept), tuple(sorted(findings, key=sort_key))
+    return HarmonizePlan(tuple(actions), kept, gains), tuple(sorted(findings, key=sort_key))
 
 
 def _sensor_widths(frames: Sequence[SurveyFrame], profiles: Mapping[str, CameraProfile]) -> Dict[str, float]:
@@ -206,7 +208,9 @@ def _percent(ratio: Optional[float]) -> str:
     return "?" if ratio is None else f"{100.0 * ratio:.0f} %"
 
 
-def _unit_findings(unit: Unit, target: Target, sizes: Mapping[Key, Tuple[int, int]]) -> Iterator[Finding]:
+def _unit_findings(
+    unit: Unit, target: Target, sizes: Mapping[Key, Tuple[int, int]], gains: Sequence[Gain]
+) -> Iterator[Finding]:
     """Say of one unit whether it is resampled, or why not although it should be."""
     off = target.difference(unit.gsd_cm)
     subjects = tuple(sorted({g.flight for g in unit.groups}))
@@ -227,14 +231,18 @@ def _unit_findings(unit: Unit, target: Target, sizes: Mapping[Key, Tuple[int, in
         )
         return
     share = sum(sizes[g.key][0] * sizes[g.key][1] for g in unit.groups) / sum(g.width * g.height for g in unit.groups)
-    gain = "less work"
+    own = next(g for g in gains if (g.profile, g.flight) == unit.key)
+    brings = "less work"
     if share > 1:
-        gain = "more matches with the fine frames from about twice the resolution on, few below,"
+        before, after = own.native.inliers, own.resampled.inliers
+        brings = f"{_percent(after)} instead of {_percent(before)} of the matches that equally fine frames have"
+        if after <= before:
+            brings = "no more matches"
     yield Finding(
         code="gsd-mixed",
         severity=ERROR,
         subjects=subjects,
-        message=f"{told}. Resampling brings {gain} and makes {share:.2g} times as many pixels.",
+        message=f"{told}. Resampling brings {brings} and makes {share:.2g} times as many pixels.",
         remedy="sensorgate run resamples them, one scale per flight; the originals stay as they are.",
         measured=off,
         threshold=target.trigger,
@@ -260,7 +268,15 @@ def _unknown(units: Sequence[Unit], targets: Mapping[Key, Target]) -> Iterator[F
             code="gsd-unknown",
             severity=WARNING if others else INFO,
             subjects=tuple(sorted({g.flight for g in unit.groups})),
-            message="The ground resolution of these frames is unknown: height above ground or focal length is missing. "
-            "They keep their pixels.",
-            remedy="Give the height of the ground, or a calibration sheet for this camera.",
+            message=f"The ground resolution of these frames is unknown: {_missing(unit)}. They keep their pixels.",
+            remedy="Give the ground with --ground, or the camera with --calibration.",
         )
+
+
+def _missing(unit: Unit) -> str:
+    heights = [g.height_m for g in unit.groups]
+    if all(h is None for h in heights):
+        return "there is no relative altitude, and no ground under the GPS altitude is known"
+    if all(h is None or h <= 0 for h in heights):
+        return "their height above ground is not above 0 m"
+    return "no tag and no sheet tells the focal length"
