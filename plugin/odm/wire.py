@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any, Dict, Mapping
 
 # The calibration travels as a file among the images, because a node's own quoting destroys JSON in option
-# values. It is ODM's cameras format; the adapter hands ODM its path. ODM itself passes over a .json file.
+# values. It is ODM's cameras format, {} where nothing is known; the adapter hands ODM its path, and takes its
+# presence for the word that the project comes harmonized. ODM itself passes over a .json file.
 CALIBRATION_INPUT = "sensorgate_calibration.json"
 
 # The option by which a node says that it has the adapter, and what a project that is harmonized already asks of it:

@@ -173,7 +173,7 @@ class NodeClient:
         headers: Optional[Mapping[str, str]] = None,
         timeout_s: Optional[float] = None,
     ) -> Any:
-        """One request and its JSON answer. Raises ``NotSent``, ``Unsure``, ``Refused``, ``NodeFull``, ``NodeUnusable``."""
+        """One request and its JSON answer; all errors are those of ``errors.py``."""
         import requests
 
         limit = (self.limits.submit_connect_timeout_s, timeout_s or self.limits.submit_call_timeout_s)
@@ -350,7 +350,7 @@ class NodeClient:
     def download(
         self, uuid: str, target: Path, *, max_bytes: int, progress: Optional[Callable[[int, int], None]] = None
     ) -> None:
-        """Fetch ``all.zip`` into ``target``. A download cut short raises ``Unsure``; nodes cannot go on in the middle."""
+        """Fetch ``all.zip`` into ``target``; one cut short raises ``Unsure``, for nodes cannot go on in the middle."""
         import requests
 
         path = f"/task/{uuid}/download/all.zip"
