@@ -362,6 +362,13 @@ class Thresholds:
     outcome_max_points: int = _number(20_000_000, "points", "of twenty-four bytes each; a larger model is sampled")
     outcome_max_observations: int = _number(200_000_000, "observations", "a bound on time, not on memory")
     outcome_console_lines: int = _number(2_000_000, "lines", "more console than any run of ODM writes")
+    outcome_outlier_px: float = _number(4.0, "px", "observations within it always count, as in ODM's own mean")
+    outcome_outlier_medians: float = _number(
+        5.0, "medians", "a camera's observations beyond this are mismatches: 1 in 100,000 of normal errors is"
+    )
+    outcome_outlier_share: float = _number(
+        0.15, "ratio", "more mismatches are the model's fault and count; two real blocks that hold had 4 to 5 %"
+    )
     outcome_tie_points: int = _number(10, "points", "OpenSfM takes a frame into a model from ten common points on")
 
     # --- submitting to a node ------------------------------------------------------
@@ -375,6 +382,7 @@ class Thresholds:
     submit_lost_answers: int = _number(3, "answers", "a cluster forgets a task for a moment while it hands it over")
     submit_poll_s: float = _number(3.0, "s", "a task takes minutes to hours; the console costs nothing at this pace")
     submit_retry_s: float = _number(2.0, "s", "first wait after a call without an answer; it doubles up to a minute")
+    submit_seed_tries: int = _number(6, "uploads", "the archive that mends an upload may be sent again without harm")
     submit_upload_threads: int = _number(6, "files", "more at once gained nothing on a loopback node")
     submit_tasks_at_once: int = _number(8, "tasks", "a cluster names no number of slots; more at once only wait there")
     submit_task_numbers: int = _number(50, "tasks", "so many tasks of one project on a node are no accident")
@@ -383,6 +391,13 @@ class Thresholds:
     submit_asset_files: int = _number(5_000_000, "files", "tiles of ten thousand frames stay below")
     submit_disk_reserve_bytes: int = _number(1000**3, "bytes", "a disk is not filled to its last byte")
     submit_retry_features: int = _number(20000, "features", "twice ODM's own number, for a block that did not hold")
+
+    # --- ahead of ODM on a node ------------------------------------------------------
+    node_grace_s: float = _number(20.0, "s", "ODM ends its own programs within seconds; what is left then is killed")
+    node_lock_wait_s: float = _number(60.0, "s", "the earlier run of a restarted task ends within its grace")
+    node_calibration_bytes: int = _number(1024 * 1024, "bytes", "a cameras file of a hundred cameras stays below")
+    node_gate_percent: float = _number(2.0, "%", "of a task's progress after the gate; ODM's first stage ends at 5")
+    node_ahead_percent: float = _number(4.0, "%", "of a task's progress when ODM starts")
 
     # --- input bounds ------------------------------------------------------------
     max_xmp_bytes: int = _number(4 * 1024 * 1024, "bytes", "an XMP packet larger than this is not read")
