@@ -13,14 +13,15 @@ from ..stages.errors import UsageError
 from ..stages.finding import Finding
 from ..stages.frame import Frame
 from ..stages.gate import is_rtk_fixed
+from ..stages.gcp import read_text
 from ..stages.harmonize.model import HarmonizedFrame, untouched
+from ..stages.srs import to_lonlat
 from ..stages.survey import Survey
 from ..stages.thresholds import Thresholds
-from .odm.gcp import GcpFile, GcpFrame, align_marks, read_gcp, read_text
+from .odm.gcp import GcpFile, GcpFrame, align_marks, read_gcp
 from .odm.gcp_place import PlacedGcps, place
 from .odm.gcp_project import gcp_for_project
 from .odm.geo import GeoFile, GeoFrame, check_geo, geo_for, read_geo, rewrite_geo, uniform_accuracy_m
-from .odm.srs import to_lonlat
 
 
 @dataclass(frozen=True)

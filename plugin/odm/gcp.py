@@ -10,47 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
-from typing import List, Optional, Sequence, Tuple
+from typing import Optional, Sequence, Tuple
 
 from ...stages.align.model import GcpMark
-from ...stages.errors import UsageError
 from ...stages.finding import ERROR, Finding
-from ...stages.thresholds import DEFAULTS
-from .srs import Srs, parse_srs
+from ...stages.gcp import GcpLine, parse_gcp
+from ...stages.srs import Srs
 
-_COLUMNS = 6
 _SCALED_DECIMALS = 3
-
-
-@dataclass(frozen=True)
-class GcpLine:
-    """One mark: the numbers as spelled, the image as named, the rest untouched."""
-
-    number: int
-    x: str
-    y: str
-    z: str
-    px: str
-    py: str
-    image: str
-    extras: str = ""
-
-    @property
-    def point(self) -> Tuple[float, float, float]:
-        """The coordinates, by which ODM tells points apart."""
-        return float(self.x), float(self.y), float(self.z)
-
-    @property
-    def label(self) -> str:
-        """The point's name where the line has one, else its coordinates."""
-        return self.extras.split()[0] if self.extras.split() else f"{self.x} {self.y} {self.z}"
-
-    @property
-    def as_odm_prints(self) -> str:
-        """The line as ODM's own messages show it."""
-        numbers = " ".join(str(float(v)) for v in (self.x, self.y, self.z, self.px, self.py))
-        return f"{numbers} {self.image} {self.extras}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -89,68 +56,25 @@ class GcpFrame:
 
 @dataclass(frozen=True)
 class PlacedMark:
-    """A line whose image was found, with the point's place on earth in degrees."""
+    """A line whose image was found, with the point's place on earth in degrees. A ``check`` point is held out."""
 
     line: GcpLine
     path: str
     latitude: float
     longitude: float
-
-
-def read_text(file: Path) -> str:
-    """The file's text, UTF-8 with or without a mark; ``UsageError`` where ODM could not read it."""
-    try:
-        if file.stat().st_size > DEFAULTS.max_text_bytes:
-            raise UsageError(
-                f"{file.name} is larger than {DEFAULTS.max_text_bytes // 1024**2} MB; that is no such list."
-            )
-        return file.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise UsageError(f"{file.name} cannot be read: {error.strerror or error}.") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"{file.name} is not UTF-8 text, ODM would stop on it. Save it again as UTF-8.") from None
-
-
-def split_lines(text: str) -> List[Tuple[int, str]]:
-    """(line number, stripped line) as ODM counts them; the first is the header. Comments and empty lines are out."""
-    rows = text.replace("\ufeff", "").strip().split("\n")
-    kept = [(1, rows[0].strip())]
-    return kept + [(i, r.strip()) for i, r in enumerate(rows[1:], start=2) if r.strip() and r.strip()[0] != "#"]
-
-
-def _fields(row: str) -> List[str]:
-    """Six columns and the rest. A row with tabs is cut at them, so that names with blanks survive."""
-    by_tab = [p.strip() for p in row.split("\t")]
-    if len(by_tab) >= _COLUMNS and all(by_tab[:_COLUMNS]):
-        return [*by_tab[:_COLUMNS], " ".join(" ".join(by_tab[_COLUMNS:]).split())]
-    words = row.split()
-    return [*words[:_COLUMNS], " ".join(words[_COLUMNS:])] if len(words) >= _COLUMNS else words
-
-
-def is_number(text: str, allow_nan: bool = False) -> bool:
-    """Whether ODM reads ``text`` as a number that means something."""
-    try:
-        value = float(text)
-    except ValueError:
-        return False
-    return "_" not in text and (math.isfinite(value) or (allow_nan and math.isnan(value)))
+    check: bool = False
 
 
 def read_gcp(text: str) -> GcpFile:
     """Read a ground control list. Bad lines become findings; ``UsageError`` for a header that means nothing."""
-    rows = split_lines(text)
-    srs = parse_srs(rows[0][1])
-    lines: List[GcpLine] = []
-    findings: List[Finding] = []
-    for number, row in rows[1:]:
-        parts = _fields(row)
-        if len(parts) < _COLUMNS:
-            findings.append(_malformed(number, "has fewer than six columns", f"Malformed GCP line: {row}"))
-        elif not all(is_number(p, allow_nan=i == 2) for i, p in enumerate(parts[:5])):
-            findings.append(_malformed(number, "has a word where a number must stand; ODM would stop on it", None))
-        else:
-            lines.append(GcpLine(number, *parts))
-    if not lines:
+    parsed = parse_gcp(text)
+    findings = [
+        _malformed(b.number, "has fewer than six columns", f"Malformed GCP line: {b.row}")
+        if b.short
+        else _malformed(b.number, "has a word where a number must stand; ODM would stop on it", None)
+        for b in parsed.bad
+    ]
+    if not parsed.lines:
         findings.append(
             Finding(
                 code="gcp-no-entries",
@@ -161,7 +85,13 @@ def read_gcp(text: str) -> GcpFile:
                 odm_message="This GCP file does not have any entries. Are the entries entered in the proper format?",
             )
         )
-    return GcpFile(srs, tuple(lines), tuple(findings))
+    return GcpFile(parsed.srs, parsed.lines, tuple(findings))
+
+
+def as_odm_prints(line: GcpLine) -> str:
+    """The line as ODM's own messages show it."""
+    numbers = " ".join(str(float(v)) for v in (line.x, line.y, line.z, line.px, line.py))
+    return f"{numbers} {line.image} {line.extras}".rstrip()
 
 
 def _malformed(number: int, what: str, odm_message: Optional[str]) -> Finding:
@@ -211,6 +141,8 @@ def align_marks(placed: Sequence[PlacedMark], frames: Sequence[GcpFrame]) -> Tup
             latitude=m.latitude,
             longitude=m.longitude,
             altitude_m=m.line.point[2],
+            name=m.line.label,
+            check=m.check,
         )
         for m in placed
         if m.path in by_path and math.isfinite(m.line.point[2])

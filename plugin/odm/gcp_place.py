@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 from ...stages.finding import ERROR, WARNING, Finding, sort_key
+from ...stages.gcp import GcpLine
 from ...stages.geo import distance_m
+from ...stages.srs import LONLAT, UTM, Srs, to_lonlat
 from ...stages.thresholds import DEFAULTS, Thresholds
-from .gcp import GcpFile, GcpFrame, GcpLine, PlacedMark
-from .srs import LONLAT, UTM, Srs, to_lonlat
+from .gcp import GcpFile, GcpFrame, PlacedMark, as_odm_prints
 
 _Point = Tuple[float, float, float]
 _Place = Tuple[float, float]
@@ -163,7 +164,7 @@ def _unknown(line: GcpLine) -> Finding:
         subjects=(line.image,),
         message=f"Line {line.number} of the ground control file marks {line.image}, which is not among the frames.",
         remedy="Correct the name (a name with blanks needs tabs between the columns) or add the frame.",
-        odm_message=f"GCP line ignored (image not found): {line.as_odm_prints}",
+        odm_message=f"GCP line ignored (image not found): {as_odm_prints(line)}",
     )
 
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import List, Mapping, Optional, Sequence, Tuple
 
 from ...stages.finding import ERROR, WARNING, Finding
+from ...stages.gcp import is_number, split_lines
+from ...stages.srs import Srs, parse_srs
 from ...stages.thresholds import DEFAULTS, Thresholds
-from .gcp import is_number, split_lines
-from .srs import Srs, parse_srs
 
 _HEADER = "EPSG:4326"
 _NAN = "nan nan nan"

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sensorgate.plugin.odm.gcp import GcpFrame, PlacedMark, align_marks, read_gcp, read_text, scaled, write_gcp
+from sensorgate.plugin.odm.gcp import GcpFrame, PlacedMark, align_marks, as_odm_prints, read_gcp, scaled, write_gcp
 from sensorgate.stages.errors import UsageError
+from sensorgate.stages.gcp import read_text
 
 FRAME = GcpFrame("a/IMG_1.JPG", "a_IMG_1.JPG", 4000, 3000, 4000, 3000)
 
@@ -75,7 +76,7 @@ def test_marks_for_the_alignment_are_in_pixels_of_the_written_file() -> None:
 
 def test_odms_own_spelling_of_a_line() -> None:
     (line,) = read_gcp("EPSG:4326\n1 2 3 4 5 a.jpg n\n").lines
-    assert line.as_odm_prints == "1.0 2.0 3.0 4.0 5.0 a.jpg n"
+    assert as_odm_prints(line) == "1.0 2.0 3.0 4.0 5.0 a.jpg n"
 
 
 def test_files_that_odm_could_not_read(tmp_path: Path) -> None:

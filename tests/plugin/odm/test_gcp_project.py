@@ -9,8 +9,8 @@ import pytest
 from sensorgate.plugin.odm.gcp import GcpFrame, read_gcp
 from sensorgate.plugin.odm.gcp_place import PlacedGcps, place
 from sensorgate.plugin.odm.gcp_project import gcp_for_project
-from sensorgate.plugin.odm.srs import lonlat_to_utm, utm_to_lonlat
 from sensorgate.stages.geo import flatness, hull_area_m2
+from sensorgate.stages.srs import lonlat_to_utm, utm_to_lonlat
 
 EAST, NORTH = 577000.0, 5188000.0
 CORNERS = [(0.0, 0.0), (160.0, 0.0), (160.0, 160.0), (0.0, 160.0), (80.0, 80.0)]

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sensorgate.plugin.odm.srs import LONLAT, OTHER, UTM, lonlat_to_utm, parse_srs, to_lonlat, utm_to_lonlat, utm_zone
 from sensorgate.stages.errors import MissingDependency, UsageError
+from sensorgate.stages.srs import LONLAT, OTHER, UTM, lonlat_to_utm, parse_srs, to_lonlat, utm_to_lonlat, utm_zone
 
 pyproj = pytest.importorskip("pyproj")
 

@@ -13,7 +13,7 @@ import re
 from dataclasses import dataclass
 from typing import List, Optional, Sequence, Tuple
 
-from ...stages.errors import MissingDependency, UsageError
+from .errors import MissingDependency, UsageError
 
 LONLAT = "lonlat"
 UTM = "utm"
@@ -50,7 +50,7 @@ _EPSG = re.compile(r"^EPSG:\s*(\d{3,6})$", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Srs:
-    """A coordinate system as a header names it. ``header`` is the spelling that ODM understands."""
+    """A coordinate system as a header names it. ``header`` is the spelling that all readers take."""
 
     header: str
     kind: str
@@ -61,7 +61,7 @@ class Srs:
 def parse_srs(line: str) -> Srs:
     """Read a header line: ``EPSG:n``, ``WGS84 UTM 15N`` or a proj4 string.
 
-    Raises ``UsageError`` where ODM would stop, with the forms that work.
+    Raises ``UsageError`` where it names none, with the forms that work.
     """
     text = " ".join(line.replace("\ufeff", "").split())
     named = _UTM_NAME.match(text)
@@ -132,7 +132,7 @@ def lonlat_to_utm(longitude: float, latitude: float, zone: int, north: bool) -> 
 
 
 def utm_zone(longitude: float) -> int:
-    """The zone of a longitude, without Norway's exceptions, which ODM does not know either."""
+    """The zone of a longitude, without Norway's exceptions, which readers of these headers do not know."""
     return math.floor((longitude + 180.0) / 6.0) % 60 + 1
 
 
