@@ -25,7 +25,8 @@ class SurveyFrame:
     the frames that one trigger made. ``height_m`` is above ground,
     ``height_source`` is ``relative-altitude``, ``relative-altitude+dem`` (turned
     from above take-off to above ground), ``dem`` or ``ground-option`` (GPS
-    altitude minus that ground), or ``unknown``.
+    altitude minus that ground), or ``unknown``. ``ground_m`` is the ground
+    under the frame on the datum of the elevation model, where one was given.
     """
 
     path: str
@@ -43,6 +44,7 @@ class SurveyFrame:
     height_sigma_m: Optional[float] = None
     gsd_cm: Optional[float] = None
     excluded: Optional[str] = None
+    ground_m: Optional[float] = None
 
 
 @dataclass(frozen=True)

@@ -346,6 +346,7 @@ def build(
                     height_sigma_m=height.sigma_m,
                     gsd_cm=gsd_cm(intrinsics_of[path], height.value_m, by_path[path].width),
                     excluded=None if role[path] == SURVEY else f"{role[path]}-frame",
+                    ground_m=ground.under.get(path) if ground is not None else None,
                 )
     for path, original in repeats.items():
         placed[path] = replace(placed[original], path=path, role="duplicate", excluded="duplicate-file")

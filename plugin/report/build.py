@@ -73,7 +73,7 @@ def digest_of(survey: Survey, options: Mapping[str, Any]) -> str:
     }
     if survey.elevation is not None:
         # Large models are hashed in parts, so the heights that were read belong to the identity as well.
-        heights = [(f.path, f.height_m, f.height_source, f.height_sigma_m) for f in survey.frames]
+        heights = [(f.path, f.ground_m, f.height_m, f.height_sigma_m) for f in survey.frames]
         material["elevation"] = [survey.elevation.digest, heights]
     return hashlib.sha256(json.dumps(material, sort_keys=True).encode("utf-8")).hexdigest()
 

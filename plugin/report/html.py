@@ -63,6 +63,7 @@ def render(report: Mapping[str, Any], previews: Mapping[str, bytes] = {}) -> str
         source_words=SOURCE_WORDS,
         spread=story.spread_words,
         gain_words=story.gain_words,
+        height_words=story.HEIGHT_WORDS,
     )
     return environment.get_template("report.html").render(
         **_context(view),

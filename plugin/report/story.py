@@ -11,6 +11,12 @@ GOOD = "good"
 BAD = "bad"
 NOTE = "note"
 ODM_DEFAULT_FOCAL = "0.85"
+HEIGHT_WORDS = {
+    "relative-altitude": "above take-off",
+    "relative-altitude+dem": "relief taken out",
+    "dem": "GPS minus model",
+    "ground-option": "GPS minus ground",
+}
 
 
 @dataclass(frozen=True)

@@ -131,4 +131,5 @@ def _over(gsd_cm: Optional[float], scale: float) -> Optional[float]:
 def _bytes(frame: Frame, scale: float, limits: Thresholds) -> int:
     """Size of a frame's copy: by pixels, but interpolated pixels compress to less."""
     compressed = frame.format in ("jpeg", "mpo") and scale > 1.0
-    return round(frame.size_bytes * scale ** (limits.jpeg_growth if compressed else 2.0))
+    growth: float = scale ** (limits.jpeg_growth if compressed else 2.0)
+    return round(frame.size_bytes * growth)

@@ -57,6 +57,8 @@ def test_terrain_following_gets_its_height_above_ground_from_the_takeoff():
     assert {f.height_source for f in used} == {"relative-altitude+dem"}
     assert [f.height_m for f in used] == pytest.approx([60.0] * 19)
     assert survey.flights[0].height_m == pytest.approx(60.0)
+    assert [f.ground_m for f in survey.frames] == pytest.approx([slope.at(f.latitude) for f in frames])
+    assert {f.ground_m for f in survey_of(frames).frames} == {None}
     (said,) = findings(survey, "ground-relief")
     assert said.severity == "info" and "above ground" in said.message
 

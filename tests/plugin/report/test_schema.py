@@ -9,7 +9,7 @@ from typing import Any, Dict
 
 import jsonschema
 import pytest
-from sensorgate.stages import intrinsics
+from sensorgate.stages import elevation, intrinsics
 from sensorgate.stages import profile as nouns
 from sensorgate.stages.align import model
 
@@ -20,6 +20,7 @@ SCHEMA = json.loads(
 )
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
 COPIES = {
+    "elevation": elevation.ElevationSource,
     "flight": nouns.Flight,
     "payload": nouns.Payload,
     "profile": nouns.CameraProfile,

@@ -141,3 +141,31 @@ def test_small_words() -> None:
     assert listing(["a", "b", "c"]) == "a, b and c"
     assert listing(list("abcdef"), 2) == "a, b and 4 more"
     assert figure(None) == "–" and figure(-0.001, 2, "m") == "0.00 m" and figure(12345.6, 0) == "12,346"
+
+
+def gain(ratio: float, chosen: bool, scale: float) -> Dict[str, Any]:
+    now = {
+        "scale": 1.0, "width": 4000, "height": 3000, "inliers": 0.5, "megapixels": 240.0, "size_bytes": 160_000_000,
+        "odm_inliers": 1.0, "odm_feature_px": 2736, "odm_undistorted_px": 5472,
+    }  # fmt: skip
+    then = {**now, "scale": scale, "inliers": 0.9, "megapixels": 240.0 * scale**2, "size_bytes": 1_400_000_000}
+    return {"gain": {"ratio": ratio, "trigger": 0.05, "chosen": chosen, "native": now, "resampled": then}}
+
+
+def test_a_gain_says_what_it_brings_and_costs() -> None:
+    words = story.gain_words(gain(2.0, True, 2.0))
+    assert "2.00 × coarser" in words and "resampled × 2.00" in words and "kept" not in words
+    assert "50 → 90 %" in words and "inside ODM 100 %" in words
+    assert "4 × pixels" in words and "160 MB → about 1.4 GB" in words
+    assert "features at 2736 px" in words and "undistorted 5472 px" in words
+
+
+def test_a_gain_of_kept_frames_says_so_and_within_the_trigger_nothing() -> None:
+    assert "kept; resampled × 5.00" in story.gain_words(gain(5.0, False, 5.0))
+    assert story.gain_words(gain(1.04, False, 1.04)) == ""
+    assert story.gain_words({"gain": None}) == story.gain_words(None) == story.gain_words({}) == ""
+
+
+@pytest.mark.parametrize("count, words", [(0, "0 kB"), (820_000_000, "820 MB"), (1.44e9, "1.4 GB"), (3e12, "3.0 TB")])
+def test_sizes_in_words(count: float, words: str) -> None:
+    assert story.size_words(int(count)) == words

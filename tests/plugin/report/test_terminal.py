@@ -85,3 +85,23 @@ def test_whatever_a_camera_writes_stays_text(text: str, width: int) -> None:
         assert columns_of(line) <= width
         assert line.isprintable()
         line.encode("utf-8")
+
+
+@pytest.mark.parametrize("width", [40, 100])
+def test_a_gate_tells_what_resampling_brings_within_the_width(width: int) -> None:
+    report = sample()
+    report["subprojects"] = []
+    for frame in report["frames"]:
+        frame.update(subproject=None, output=None, change=None, gsd_after_cm=None)
+    side = {"scale": 1.0, "width": 4000, "height": 3000, "inliers": 0.5, "megapixels": 240.0, "size_bytes": 10**8}
+    side.update(odm_inliers=1.0, odm_feature_px=2736, odm_undistorted_px=5472)
+    for number, action in enumerate(report["actions"][:6]):
+        ratio = 2.0 + number / 10
+        action["gain"] = {"ratio": ratio, "trigger": 0.05, "chosen": True, "native": side, "resampled": side}
+    told = lines(report, width=width)
+    assert max(columns_of(line) for line in told) <= width
+    text = " ".join(" ".join(told).split())
+    assert "Resampling" in told and "expected matches 50 %" in text
+    shown = min(4, len(report["actions"]))
+    assert text.count("coarser than the finest") == shown
+    assert "Resampling" not in lines(sample(), width=width)
