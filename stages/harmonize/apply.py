@@ -8,21 +8,20 @@ source with all settings and a digest of the output.
 from __future__ import annotations
 
 import contextlib
-import json
-import os
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, TextIO, Tuple, Union
+from typing import Any, Dict, List, Mapping, Optional, Tuple, Union
 
-from ..errors import SensorgateError, UsageError
 from ..frame import BrokenFrame, Frame
 from ..progress import Cancel, Progress, check
 from ..thresholds import Thresholds
-from .files import OutputError, output_error, put_link
+from .files import check_targets, put_link, remove_stale
+from .journal import Journal
 from .model import FlightAction, HarmonizedFrame, HarmonizePlan
 from .plan import scaled_size
-from .pool import run_jobs
-from .resample import missing_opencv
+from .pool import FRAMES, run_jobs
 from .work import MASK, RETAG, REWRITE, FrameJob
+from .worker import BROKEN
 
 STAGE = "harmonize"
 PathLike = Union[str, Path]
@@ -55,28 +54,32 @@ def apply(
     ``MissingDependency`` without OpenCV where pixels must change,
     ``Cancelled``.
     """
-    _check_targets(sources, targets, masks or {})
+    shaded = masks or {}
+    check_targets(
+        [*sources.values(), *(mask for mask, _ in shaded.values())],
+        [*(targets[p] for p in sorted(targets)), *(shaded[p][1] for p in sorted(shaded))],
+    )
     action_of = {path: action for action in plan.actions for path in action.frames}
     tables = {lut.id: lut.tables for lut in plan.luts}
-    known = _read_journal(journal)
+    record = Journal(journal)
     done: Dict[str, HarmonizedFrame] = {}
     broken: Dict[str, BrokenFrame] = {}
     links: List[Tuple[str, PathLike, Path]] = []
     jobs: List[FrameJob] = []
     for path in sorted(targets):
         frame, action = frames[path], action_of.get(path)
-        job = _job(frame, action, tables, sources[path], targets[path], known)
+        job = _job(frame, action, tables, sources[path], targets[path], record)
         if job is None:
             links.append((path, sources[path], targets[path]))
         else:
             jobs.append(job)
-        if masks and path in masks:
-            mask, place = masks[path]
+        if path in shaded:
+            mask, place = shaded[path]
             size = _size(frame, action)
             if size == (frame.width, frame.height):
                 links.append((path + _MASK_SUFFIX, mask, place))
             else:
-                jobs.append(_mask_job(frame, size, mask, place, known))
+                jobs.append(_mask_job(frame, size, mask, place, record))
     total = len(links) + len(jobs)
     count = 0
     for path, source, target in links:
@@ -92,21 +95,17 @@ def apply(
         if progress:
             progress(STAGE, count, total)
     if jobs:
-        with contextlib.ExitStack() as stack:
-            log = _open_journal(journal)
-            if log is not None:
-                stack.enter_context(log)
-            answers = stack.enter_context(
-                contextlib.closing(run_jobs(jobs, thresholds, workers=workers, cancel=cancel))
-            )
-            for job, answer in answers:
-                _take(job, answer, frames, action_of, targets, done, broken, log)
+        plain = [asdict(job) for job in jobs]
+        running = run_jobs(plain, thresholds, task=FRAMES, workers=workers, cancel=cancel)
+        with record, contextlib.closing(running) as answers:
+            for number, answer in answers:
+                _take(jobs[number], answer, frames, action_of, targets, done, broken, record)
                 count += 1
                 if progress:
                     progress(STAGE, count, total)
     for path in broken:
-        if path in targets and os.path.lexists(targets[path]):
-            _remove_stale(targets[path])
+        if path in targets:
+            remove_stale(targets[path])
     return tuple(done[p] for p in sorted(done)), tuple(broken[p] for p in sorted(broken))
 
 
@@ -125,7 +124,7 @@ def _job(
     tables: Mapping[str, Tuple[Tuple[int, ...], ...]],
     source: PathLike,
     target: Path,
-    known: Mapping[str, Tuple[str, ...]],
+    record: Journal,
 ) -> Optional[FrameJob]:
     """What is to be done with a frame; ``None`` when it goes in as it is."""
     if action is None:
@@ -154,16 +153,14 @@ def _job(
         focal_mm=focal_mm,
         focal_35mm=focal_35mm,
         sensor_width_mm=width_mm,
-        known=known.get(frame.path, ()),
+        known=record.known(frame.path),
     )
 
 
-def _mask_job(
-    frame: Frame, size: Tuple[int, int], source: PathLike, target: Path, known: Mapping[str, Tuple[str, ...]]
-) -> FrameJob:
+def _mask_job(frame: Frame, size: Tuple[int, int], source: PathLike, target: Path, record: Journal) -> FrameJob:
     path = frame.path + _MASK_SUFFIX
     return FrameJob(
-        path, str(source), str(target), MASK, 0, frame.width, frame.height, size[0], size[1], known=known.get(path, ())
+        path, str(source), str(target), MASK, 0, frame.width, frame.height, size[0], size[1], known=record.known(path)
     )
 
 
@@ -175,22 +172,14 @@ def _take(
     targets: Mapping[str, Path],
     done: Dict[str, HarmonizedFrame],
     broken: Dict[str, BrokenFrame],
-    log: Optional[TextIO],
+    record: Journal,
 ) -> None:
-    """Record one answer; what ends the command is raised."""
-    state = answer["state"]
-    if state == "missing":
-        raise missing_opencv()
-    if state == "output":
-        raise OutputError(answer["message"])
-    if state == "broken":
+    """Record one answer."""
+    if answer["state"] == BROKEN:
         size = frames[job.path].size_bytes if job.path in frames else 0
         broken[job.path] = BrokenFrame(job.path, size, answer["code"], answer["message"])
         return
-    if state != "ok":
-        raise SensorgateError(f"A worker gave an answer that is not understood: {state!r}.")
-    if job.known != (answer["key"], answer["digest"]):
-        _note(log, (job.path, answer["key"], answer["digest"]))
+    record.note(job.path, answer["key"], answer["digest"])
     if job.path in targets:
         scaled = (job.width, job.height) != (job.out_width, job.out_height)
         how = "retagged" if job.what == RETAG else ("resampled" if scaled else "matched")
@@ -205,71 +194,3 @@ def _harmonized(frame: Frame, action: Optional[FlightAction], target: Path, how:
 def _vanished(path: str, frames: Mapping[str, Frame]) -> BrokenFrame:
     size = frames[path].size_bytes if path in frames else 0
     return BrokenFrame(path, size, "frame-vanished", "The file was there when the folder was read and is gone now.")
-
-
-def _remove_stale(target: Path) -> None:
-    """Take away what an earlier run put for a frame that cannot be used now."""
-    try:
-        target.unlink()
-    except OSError as error:
-        raise output_error(target, error) from None
-
-
-def _check_targets(
-    sources: Mapping[str, PathLike], targets: Mapping[str, Path], masks: Mapping[str, Tuple[PathLike, Path]]
-) -> None:
-    originals = {os.path.realpath(s) for s in sources.values()} | {os.path.realpath(s) for s, _ in masks.values()}
-    seen: Set[str] = set()
-    for target in _all_targets(targets, masks):
-        # The last name is not followed: a link that stands there is replaced, not written through.
-        place = os.path.join(os.path.realpath(target.parent), target.name)
-        if place in originals:
-            raise UsageError(f"{target} is one of the originals, which are never written. Choose another --out.")
-        if os.path.normcase(place) in seen:
-            raise UsageError(f"Two frames would become {target}.")
-        seen.add(os.path.normcase(place))
-
-
-def _all_targets(targets: Mapping[str, Path], masks: Mapping[str, Tuple[PathLike, Path]]) -> Sequence[Path]:
-    return [targets[p] for p in sorted(targets)] + [masks[p][1] for p in sorted(masks)]
-
-
-def _read_journal(journal: Optional[PathLike]) -> Dict[str, Tuple[str, ...]]:
-    """Path -> (key, output digest) of earlier runs; a line that was cut by a kill is passed over."""
-    found: Dict[str, Tuple[str, ...]] = {}
-    if journal is None:
-        return found
-    try:
-        text = Path(journal).read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return found
-    for line in text.splitlines():
-        try:
-            path, key, digest = json.loads(line)
-        except (ValueError, TypeError):
-            continue
-        if all(isinstance(v, str) for v in (path, key, digest)):
-            found[path] = (key, digest)
-    return found
-
-
-def _open_journal(journal: Optional[PathLike]) -> Optional[TextIO]:
-    if journal is None:
-        return None
-    place = Path(journal)
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        return open(place, "a", encoding="utf-8", buffering=1)
-    except OSError as error:
-        raise output_error(place, error) from None
-
-
-def _note(log: Optional[TextIO], line: Tuple[str, str, str]) -> None:
-    """Append one line; the newline in front ends a line that a kill has cut."""
-    if log is None:
-        return
-    try:
-        log.write("\n" + json.dumps(line))
-        log.flush()
-    except OSError as error:
-        raise output_error(Path(log.name), error) from None

@@ -8,22 +8,21 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from ..errors import SensorgateError
 from ..frame import BrokenFrame, Frame
-from ..profile import SurveyFrame
+from ..profile import THERMAL, SurveyFrame
 from ..progress import Cancel, Progress
 from ..record import to_plain
 from ..thresholds import Thresholds
-from .apply import _check_targets, _note, _open_journal, _read_journal, _remove_stale
 from .bands_group import band_optics
 from .bands_lens import lens_of
-from .bands_model import APPLIED, WARP, BandFit, BandPlan
-from .bands_pool import run_jobs
+from .bands_model import NOTHING, WARP, BandFit, BandPlan
 from .bands_work import ALWAYS, NEVER
 from .bands_work import WARP as WARP_JOB
-from .files import OutputError
+from .files import check_targets, remove_stale
+from .journal import Journal
 from .model import FlightAction, HarmonizedFrame
-from .resample import missing_opencv
+from .pool import BANDS, run_jobs
+from .worker import BROKEN
 
 STAGE = "bands"
 PathLike = Union[str, Path]
@@ -54,8 +53,8 @@ def apply_bands(
     ``Cancelled``.
     """
     wanted = set(plan.warped()) & set(targets)
-    _check_targets(sources, {p: targets[p] for p in sorted(wanted)}, {})
-    known = _read_journal(journal)
+    check_targets(sources.values(), [targets[p] for p in sorted(wanted)])
+    record = Journal(journal)
     at = {f.path: f for f in frames}
     action_of = {path: action for action in actions for path in action.frames}
     rigs = {r.payload: r for r in plan.rigs}
@@ -65,30 +64,25 @@ def apply_bands(
             if path not in wanted:
                 continue
             size = (sizes or {}).get(primary, (files[primary].width, files[primary].height))
-            apply_radiometry = rigs[fitted.payload].radiometry == APPLIED and bool(files[path].radiometry)
+            tagged = bool(files[path].radiometry) and at[path].spectrum != THERMAL
+            way = rigs[fitted.payload].radiometry if tagged else NOTHING
             job = _job(fitted, at[primary], at[path], files, sources, targets[path], size, action_of.get(path))
-            jobs.append({**job, "apply_radiometry": apply_radiometry, "known": list(known.get(path, ()))})
+            jobs.append({**job, "radiometry": way, "known": list(record.known(path))})
     jobs.sort(key=lambda j: str(j["path"]))
     done: Dict[str, HarmonizedFrame] = {}
     broken: Dict[str, BrokenFrame] = {}
     if not jobs:
         return (), ()
-    with contextlib.ExitStack() as stack:
-        log = _open_journal(journal)
-        if log is not None:
-            stack.enter_context(log)
-        answers = stack.enter_context(contextlib.closing(run_jobs(jobs, thresholds, workers=workers, cancel=cancel)))
+    running = run_jobs(jobs, thresholds, task=BANDS, workers=workers, cancel=cancel)
+    with record, contextlib.closing(running) as answers:
         for count, (number, answer) in enumerate(answers, 1):
             job = jobs[number]
-            _raise_if_over(answer)
-            if answer["state"] == "broken":
+            if answer["state"] == BROKEN:
                 file = files[job["path"]]
                 broken[file.path] = BrokenFrame(file.path, file.size_bytes, answer["code"], answer["message"])
-                if Path(job["target"]).exists():
-                    _remove_stale(Path(job["target"]))
+                remove_stale(Path(job["target"]))
             else:
-                if tuple(job["known"]) != (answer["key"], answer["digest"]):
-                    _note(log, (job["path"], answer["key"], answer["digest"]))
+                record.note(job["path"], answer["key"], answer["digest"])
                 done[job["path"]] = _written(job)
             if progress:
                 progress(STAGE, count, len(jobs))
@@ -133,16 +127,6 @@ def _job(
         "prior": [float(v) for v in prior.ravel()] if fitted.refine else [],
         "descriptors": ALWAYS if fitted.source == "features" else NEVER,
     }
-
-
-def _raise_if_over(answer: Mapping[str, Any]) -> None:
-    """Raise what ends the command."""
-    if answer["state"] == "missing":
-        raise missing_opencv()
-    if answer["state"] == "output":
-        raise OutputError(answer["message"])
-    if answer["state"] not in ("ok", "broken"):
-        raise SensorgateError(f"A worker gave an answer that is not understood: {answer['state']!r}.")
 
 
 def _written(job: Mapping[str, Any]) -> HarmonizedFrame:

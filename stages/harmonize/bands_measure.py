@@ -14,10 +14,9 @@ from ..record import to_plain
 from ..thresholds import Thresholds
 from .bands_group import Rig, sample
 from .bands_lens import Points
-from .bands_pool import run_jobs
 from .bands_work import ALWAYS, FALLBACK, MEASURE, NEVER
 from .control_points import ControlPair
-from .resample import missing_opencv
+from .pool import BANDS, run_jobs
 
 STAGE = "bands"
 PathLike = Union[str, Path]
@@ -84,10 +83,8 @@ def measure(
     found: Measured = {}
     if not jobs:
         return found
-    with contextlib.closing(run_jobs(jobs, limits, workers=workers, cancel=cancel)) as answers:
+    with contextlib.closing(run_jobs(jobs, limits, task=BANDS, workers=workers, cancel=cancel)) as answers:
         for count, (_, answer) in enumerate(answers, 1):
-            if answer["state"] == "missing":
-                raise missing_opencv()
             for path, points in answer.get("points", {}).items():
                 found[path] = {k: np.array(v, np.float64).reshape(-1, 4) for k, v in points.items()}
             if progress:

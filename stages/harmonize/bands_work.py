@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import FrameError, MissingDependency
+from ..errors import FrameError
 from ..record import from_plain
 from ..thresholds import Thresholds
 from . import jpeg, tiff
 from .bands_fit import Fitted, Lenses, better, errors_px, held_mask, own_matrix, residual
 from .bands_lens import Lens, Points, sample_places, scaled
+from .bands_model import APPLIED, KEPT
 from .bands_points import area_points, feature_points, features, match_scales, to_grey8
 from .bands_radiometry import correction_of, neutralised
 from .exif import TagEdit
-from .files import OutputError, put_bytes
 from .metadata import is_jpeg, is_tiff
 from .resample import blur_sigma, decode_jpeg, encode_jpeg, opencv
+from .worker import put_once, read_source
 
 # Raised whenever the same input would give other bytes than before.
-RECIPE = 1
+RECIPE = 2
 MEASURE, WARP = "measure", "warp"
 ALWAYS, FALLBACK, NEVER = "always", "fallback", "never"
 _REMAPPED = ("u1", "u2", "i2", "f4", "f8")
@@ -33,28 +33,8 @@ _WITHOUT = ("source", "target", "known", "primary_source")
 
 
 def perform(job: Mapping[str, Any], limits: Thresholds) -> Dict[str, Any]:
-    """Do one job; the answer is plain JSON: ``ok``, ``broken``, ``missing`` or ``output`` with its details."""
-    try:
-        return _measure(job, limits) if job["what"] == MEASURE else _warp(job, limits)
-    except FrameError as error:
-        return _broken(error.code, error.message)
-    except MissingDependency:
-        return {"state": "missing"}
-    except OutputError as error:
-        return {"state": "output", "message": str(error)}
-    except FileNotFoundError:
-        return _broken("frame-vanished", "The file was there when the folder was read and is gone now.")
-    except OSError as error:
-        return _broken("unreadable-file", f"The file cannot be read: {error.strerror or error}.")
-    except MemoryError:
-        return _broken("frame-too-large", "There is not enough memory for this frame.")
-    except Exception as error:  # a fault on one frame is told and does not take the others along
-        logging.getLogger(__name__).exception("%s", job.get("path", ""))
-        return _broken("frame-fault", f"Working on this frame failed unexpectedly ({type(error).__name__}: {error}).")
-
-
-def _broken(code: str, message: str) -> Dict[str, Any]:
-    return {"state": "broken", "code": code, "message": message}
+    """Do one job; the answer is plain JSON."""
+    return _measure(job, limits) if job["what"] == MEASURE else _warp(job, limits)
 
 
 def decode(data: bytes, lens: Lens, limits: Thresholds) -> npt.NDArray[Any]:
@@ -120,7 +100,7 @@ def _measure(job: Mapping[str, Any], limits: Thresholds) -> Dict[str, Any]:
             broken[band["path"]] = ["frame-vanished", "The file was there when the folder was read and is gone now."]
             continue
         points[band["path"]] = {"features": _rounded(by_features), "area": _rounded(by_area)}
-    return {"state": "ok", "points": points, "broken": broken}
+    return {"points": points, "broken": broken}
 
 
 def _rounded(points: Points) -> List[List[float]]:
@@ -128,28 +108,14 @@ def _rounded(points: Points) -> List[List[float]]:
 
 
 def _warp(job: Mapping[str, Any], limits: Thresholds) -> Dict[str, Any]:
-    data = Path(job["source"]).read_bytes()
-    if len(data) != job["size_bytes"]:
-        return _broken("frame-changed", "The file has another size than when the folder was read.")
+    data = read_source(job["source"], job["size_bytes"])
     digests = [hashlib.sha256(data).hexdigest()]
     if job["refine"]:
         digests.append(hashlib.sha256(Path(job["primary_source"]).read_bytes()).hexdigest())
     settings = {k: v for k, v in job.items() if k not in _WITHOUT}
     settings.update(recipe=RECIPE, sources=digests, quality=limits.jpeg_quality, engine=str(opencv().__version__))
     key = hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
-    target, known = Path(job["target"]), job["known"]
-    if known and known[0] == key and _digest(target) == known[1]:
-        return {"state": "ok", "key": key, "digest": known[1]}
-    result = warp_file(data, job, limits)
-    put_bytes(target, result)
-    return {"state": "ok", "key": key, "digest": hashlib.sha256(result).hexdigest()}
-
-
-def _digest(target: Path) -> str:
-    try:
-        return hashlib.sha256(target.read_bytes()).hexdigest()
-    except OSError:
-        return ""
+    return put_once(job["target"], key, job["known"], lambda: warp_file(data, job, limits))
 
 
 def warp_file(data: bytes, job: Mapping[str, Any], limits: Thresholds) -> bytes:
@@ -160,9 +126,8 @@ def warp_file(data: bytes, job: Mapping[str, Any], limits: Thresholds) -> bytes:
     if job["refine"]:
         matrix = _own(job, primary, band, matrix, limits)
     shape: Tuple[int, int] = (job["out_width"], job["out_height"])
-    correction = None
-    if job["apply_radiometry"]:
-        correction = correction_of(data, limits)
+    correction = correction_of(data, limits) if job["radiometry"] in (APPLIED, KEPT) else None
+    if job["radiometry"] == APPLIED:
         if correction is None:
             raise FrameError(
                 "radiometry-incomplete",
@@ -171,10 +136,13 @@ def warp_file(data: bytes, job: Mapping[str, Any], limits: Thresholds) -> bytes:
         data = neutralised(data, limits)
     dtype = pixels.dtype
     values = correction.applied(pixels) if correction is not None else pixels
-    warped = warp_pixels(values, scaled(primary, shape), band, matrix, np.nan if dtype.kind == "f" else 0)
-    if warped.dtype != dtype:
+    warped = warp_pixels(values, scaled(primary, shape), band, matrix, np.nan if values.dtype.kind == "f" else 0)
+    if correction is not None and job["radiometry"] == KEPT:
+        warped = correction.put_back(warped, (band.width, band.height))
+    if warped.dtype != dtype and dtype.kind in "iu":
         limit = np.iinfo(dtype)
-        warped = np.clip(np.rint(warped), limit.min, limit.max).astype(dtype)
+        warped = np.clip(np.rint(np.nan_to_num(warped)), limit.min, limit.max)
+    warped = warped.astype(dtype, copy=False)
     size = None if shape == (band.width, band.height) else (band.width, band.height, *shape)
     edit = TagEdit(size, job["focal_mm"], job["focal_35mm"])
     if is_jpeg(data):

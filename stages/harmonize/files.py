@@ -7,7 +7,7 @@ import filecmp
 import os
 import shutil
 from pathlib import Path
-from typing import Union
+from typing import Iterable, Set, Union
 
 from ..errors import UsageError
 
@@ -34,6 +34,28 @@ def output_error(target: Path, error: OSError) -> OutputError:
     return OutputError(
         f"{target} cannot be written ({error.strerror or error}). Choose another --out or make the folder writable."
     )
+
+
+def check_targets(originals: Iterable[PathLike], targets: Iterable[Path]) -> None:
+    """Raise ``UsageError`` where a target is one of the originals or is named twice."""
+    kept = {os.path.realpath(o) for o in originals}
+    seen: Set[str] = set()
+    for target in targets:
+        # The last name is not followed: a link that stands there is replaced, not written through.
+        place = os.path.join(os.path.realpath(target.parent), target.name)
+        if place in kept:
+            raise UsageError(f"{target} is one of the originals, which are never written. Choose another --out.")
+        if os.path.normcase(place) in seen:
+            raise UsageError(f"Two frames would become {target}.")
+        seen.add(os.path.normcase(place))
+
+
+def remove_stale(target: Path) -> None:
+    """Take away what an earlier run put for a frame that cannot be used now. Raises ``OutputError``."""
+    try:
+        _clear(target)
+    except OSError as error:
+        raise output_error(target, error) from None
 
 
 def _beside(target: Path) -> Path:

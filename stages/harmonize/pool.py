@@ -1,4 +1,4 @@
-"""Worker processes that take frame jobs one by one.
+"""Worker processes that take jobs one by one.
 
 Subprocesses of the running interpreter, because a daemonic worker may have no
 multiprocessing children. The package is found by its folder, not by its name:
@@ -9,97 +9,90 @@ from __future__ import annotations
 
 import json
 import queue
-import signal
 import subprocess
 import sys
 import threading
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Dict, Generator, List, Optional, Sequence, Tuple
+from typing import Any, Generator, List, Mapping, Optional, Sequence, Tuple
 
+from ..errors import SensorgateError
 from ..progress import Cancel, check
 from ..thresholds import Thresholds
-from .work import FrameJob, job_from_plain, perform
+from .files import OutputError
+from .resample import missing_opencv
+from .worker import BROKEN, MISSING, OK, OUTPUT, Answer
 
-_ALIAS = "_frame_worker_package"
+# The module beside this one whose ``perform`` does a job.
+FRAMES, BANDS = "work", "bands_work"
+
+_ALIAS = "_harmonize_worker_package"
 _BOOT = (
     "import importlib, json, sys, types; "
     "sys.path[:] = json.loads(sys.argv[1]); "
     f"house = types.ModuleType({_ALIAS!r}); house.__path__ = [sys.argv[2]]; sys.modules[{_ALIAS!r}] = house; "
-    f"importlib.import_module({_ALIAS!r} + '.stages.harmonize.pool').serve()"
+    f"importlib.import_module({_ALIAS!r} + '.stages.harmonize.worker').serve(sys.argv[3])"
 )
 _POLL_S = 0.2
-Answer = Tuple[FrameJob, Dict[str, Any]]
-
-
-def serve() -> None:
-    """Answer jobs, one JSON line each, until standard input ends: the worker's whole life."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Libraries print to standard output now and then; answers keep a channel of their own.
-    answers = sys.stdout
-    sys.stdout = sys.stderr
-    limits = Thresholds().replaced(json.loads(sys.stdin.readline()))
-    for line in sys.stdin:
-        answer = perform(job_from_plain(json.loads(line)), limits)
-        answers.write(json.dumps(answer) + "\n")
-        answers.flush()
+_DIED = {"state": BROKEN, "code": "frame-fault", "message": "Working on this frame ended its process."}
+Job = Mapping[str, Any]
+Numbered = Tuple[int, Answer]
 
 
 class _Worker:
     """One subprocess and the thread that feeds it; it is started anew when a decoder takes it down."""
 
-    def __init__(self, limits: Thresholds, jobs: "queue.SimpleQueue[Optional[FrameJob]]", answers: Any) -> None:
-        self._limits = limits
-        self._jobs = jobs
-        self._answers = answers
-        self._process: Optional[subprocess.Popen[str]] = None
+    def __init__(
+        self, task: str, limits: Thresholds, jobs: "queue.SimpleQueue[Any]", answers: "queue.SimpleQueue[Numbered]"
+    ) -> None:
+        self._task, self._limits, self._jobs, self._answers = task, limits, jobs, answers
+        self._process: Optional["subprocess.Popen[str]"] = None
         self._stopping = False
         self.thread = threading.Thread(target=self._run, daemon=True)
         self.thread.start()
 
-    def _start(self) -> "subprocess.Popen[str]":
+    def _start(self) -> None:
         house = str(Path(__file__).resolve().parents[2])
-        process = subprocess.Popen(
-            [sys.executable, "-c", _BOOT, json.dumps(sys.path), house],
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _BOOT, json.dumps(sys.path), house, self._task],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
             encoding="utf-8",
         )
-        self._process = process
-        self._say(process, asdict(self._limits))
-        return process
+        self._say(asdict(self._limits))
 
-    @staticmethod
-    def _say(process: "subprocess.Popen[str]", message: Any) -> None:
-        if process.stdin is not None:
-            process.stdin.write(json.dumps(message) + "\n")
-            process.stdin.flush()
+    def _say(self, message: Any) -> None:
+        if self._process is not None and self._process.stdin is not None:
+            self._process.stdin.write(json.dumps(message) + "\n")
+            self._process.stdin.flush()
+
+    def _ask(self, job: Job) -> Answer:
+        try:
+            if self._process is None:
+                self._start()
+            self._say(job)
+            stdout = self._process.stdout if self._process is not None else None
+            line = stdout.readline() if stdout is not None else ""
+        except OSError:
+            line = ""
+        if line.endswith("\n"):
+            found: Answer = json.loads(line)
+            return found
+        self._end()
+        return _DIED
 
     def _run(self) -> None:
-        process: Optional[subprocess.Popen[str]] = None
         while True:
-            job = self._jobs.get()
-            if job is None or self._stopping:
+            item = self._jobs.get()
+            if item is None or self._stopping:
                 break
-            line = ""
-            try:
-                process = process or self._start()
-                self._say(process, asdict(job))
-                line = process.stdout.readline() if process.stdout is not None else ""
-            except OSError:
-                line = ""
-            if line:
-                self._answers.put((job, json.loads(line)))
-            else:
-                self._end(process)
-                process = None
-                told = {"state": "broken", "code": "frame-fault", "message": "Decoding this frame ended its process."}
-                self._answers.put((job, told))
-        self._end(process)
+            number, job = item
+            self._answers.put((number, self._ask(job)))
+        self._end()
 
-    @staticmethod
-    def _end(process: Optional["subprocess.Popen[str]"]) -> None:
+    def _end(self) -> None:
+        process, self._process = self._process, None
         if process is None:
             return
         for stream in (process.stdin, process.stdout):
@@ -111,39 +104,43 @@ class _Worker:
         process.wait()
 
     def stop(self) -> None:
-        """End the worker now; the frame it is at is left unfinished."""
+        """End the worker now; what it is at is left unfinished."""
         self._stopping = True
-        if self._process is not None and self._process.poll() is None:
-            self._process.terminate()
+        process = self._process
+        if process is not None and process.poll() is None:
+            process.terminate()
 
 
 def run_jobs(
-    jobs: Sequence[FrameJob], limits: Thresholds, *, workers: int = 2, cancel: Optional[Cancel] = None
-) -> Generator[Answer, None, None]:
-    """Yield every job with its answer as it is done, in any order.
+    jobs: Sequence[Job], limits: Thresholds, *, task: str, workers: int = 2, cancel: Optional[Cancel] = None
+) -> Generator[Numbered, None, None]:
+    """Yield each job's index with its answer as it is done, in any order; an answer's state is ``ok`` or ``broken``.
 
-    Raises ``Cancelled`` when asked to stop. Close the generator to end the
-    workers before all is done.
+    Raises ``Cancelled`` when asked to stop, ``OutputError`` where nothing can
+    be written, ``MissingDependency`` without OpenCV. Close the generator to end
+    the workers before all is done.
     """
-    waiting: "queue.SimpleQueue[Optional[FrameJob]]" = queue.SimpleQueue()
-    answers: "queue.SimpleQueue[Answer]" = queue.SimpleQueue()
-    for job in jobs:
-        waiting.put(job)
-    team: List[_Worker] = []
+    check(cancel)
+    waiting: "queue.SimpleQueue[Any]" = queue.SimpleQueue()
+    answers: "queue.SimpleQueue[Numbered]" = queue.SimpleQueue()
+    for item in enumerate(jobs):
+        waiting.put(item)
     count = max(1, min(workers, len(jobs)))
     for _ in range(count):
         waiting.put(None)
+    team: List[_Worker] = []
     try:
-        team = [_Worker(limits, waiting, answers) for _ in range(count)]
+        team = [_Worker(task, limits, waiting, answers) for _ in range(count)]
         left = len(jobs)
         while left:
             check(cancel)
             try:
-                answer = answers.get(timeout=_POLL_S)
+                number, answer = answers.get(timeout=_POLL_S)
             except queue.Empty:
                 continue
             left -= 1
-            yield answer
+            _raise_if_over(answer)
+            yield number, answer
     except BaseException:
         for worker in team:
             worker.stop()
@@ -151,3 +148,13 @@ def run_jobs(
     finally:
         for worker in team:
             worker.thread.join()
+
+
+def _raise_if_over(answer: Answer) -> None:
+    """Raise what ends the command."""
+    if answer["state"] == MISSING:
+        raise missing_opencv()
+    if answer["state"] == OUTPUT:
+        raise OutputError(answer["message"])
+    if answer["state"] not in (OK, BROKEN):
+        raise SensorgateError(f"A worker gave an answer that is not understood: {answer['state']!r}.")

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Dict, Mapping, Optional, Tuple
 
-from ..errors import FrameError, MissingDependency
+from ..errors import FrameError
 from ..thresholds import Thresholds
 from . import jpeg, tiff
 from .exif import TagEdit
-from .files import OutputError, put_bytes
 from .metadata import is_jpeg, is_tiff, retag
 from .resample import decode_jpeg, encode_jpeg, opencv, resize_mask, transform
+from .worker import put_once, read_source
 
 # Raised whenever the same input would give other bytes than before.
 RECIPE = 2
@@ -114,50 +113,12 @@ def _rewrite_mask(data: bytes, job: FrameJob, size: Tuple[int, int]) -> bytes:
     return bytes(encoded.tobytes())
 
 
-def perform(job: FrameJob, limits: Thresholds) -> Dict[str, Any]:
-    """Do one job; the answer is plain JSON: ``ok``, ``broken``, ``missing`` or ``output`` with its details."""
-    try:
-        return _perform(job, limits)
-    except FrameError as error:
-        return _broken(error.code, error.message)
-    except MissingDependency:
-        return {"state": "missing"}
-    except OutputError as error:
-        return {"state": "output", "message": str(error)}
-    except MemoryError:
-        return _broken("frame-too-large", "There is not enough memory for this frame.")
-    except Exception as error:  # a fault on one frame is told and does not take the others along
-        logging.getLogger(__name__).exception("%s", job.path)
-        return _broken("frame-fault", f"Working on this frame failed unexpectedly ({type(error).__name__}: {error}).")
-
-
-def _broken(code: str, message: str) -> Dict[str, Any]:
-    return {"state": "broken", "code": code, "message": message}
-
-
-def _perform(job: FrameJob, limits: Thresholds) -> Dict[str, Any]:
-    try:
-        data = Path(job.source).read_bytes()
-    except FileNotFoundError:
-        return _broken("frame-vanished", "The file was there when the folder was read and is gone now.")
-    except OSError as error:
-        return _broken("unreadable-file", f"The file cannot be read: {error.strerror or error}.")
-    if job.what != MASK and len(data) != job.size_bytes:
-        return _broken("frame-changed", "The file has another size than when the folder was read.")
+def perform(plain: Mapping[str, Any], limits: Thresholds) -> Dict[str, Any]:
+    """Do one job as it came from JSON; returns key and digest of what stands at its target now."""
+    job = job_from_plain(plain)
+    data = read_source(job.source, None if job.what == MASK else job.size_bytes)
     key = key_of(job, hashlib.sha256(data).hexdigest(), limits)
-    target = Path(job.target)
-    if job.known and job.known[0] == key and _digest(target) == job.known[1]:
-        return {"state": "ok", "key": key, "digest": job.known[1]}
-    result = rewrite(data, job, limits)
-    put_bytes(target, result)
-    return {"state": "ok", "key": key, "digest": hashlib.sha256(result).hexdigest()}
-
-
-def _digest(target: Path) -> str:
-    try:
-        return hashlib.sha256(target.read_bytes()).hexdigest()
-    except OSError:
-        return ""
+    return put_once(job.target, key, job.known, lambda: rewrite(data, job, limits))
 
 
 def job_from_plain(plain: Mapping[str, Any]) -> FrameJob:
