@@ -28,6 +28,7 @@ from .bands_measure import Measured, measure, user_points
 from .bands_model import (
     ALIGNED,
     APPLIED,
+    KEPT,
     NOTHING,
     REFUSED,
     VOIDED,
@@ -37,7 +38,7 @@ from .bands_model import (
     CaptureFit,
     RigPlan,
 )
-from .bands_radiometry import can_be_applied
+from .bands_radiometry import correction_of, treatment
 from .control_points import ControlPair
 
 FEATURES, AREA, USER, NEIGHBOUR = "features", "area", "control-points", "neighbour"
@@ -285,18 +286,24 @@ def _rig_plan(rig: Rig, fits: Sequence[BandFit], sources: Mapping[str, PathLike]
 def _radiometry(
     warped: Sequence[str], fits: Sequence[BandFit], rig: Rig, sources: Mapping[str, PathLike], limits: Thresholds
 ) -> str:
-    """Whether all bands that are warped can have their sensor-bound radiometry applied first."""
-    concerned = [p for p in warped if p in rig.tagged]
-    if not concerned:
-        return NOTHING
-    for profile in concerned:
-        path = next(b for f in fits if f.profile == profile for _, b in f.pairs)
-        try:
-            if not can_be_applied(Path(sources[path]).read_bytes(), limits):
-                return VOIDED
-        except (OSError, FrameError):
-            return VOIDED
-    return APPLIED
+    """How the sensor-bound radiometry of all bands that are warped is dealt with: one way for the whole rig."""
+    first = {p: next(pair for f in fits if f.profile == p for pair in f.pairs) for p in {f.profile for f in fits}}
+    try:
+        ways = {treatment(Path(sources[first[p][1]]).read_bytes(), limits) for p in warped if p in rig.tagged}
+        if not ways and not warped:
+            return _as_found([pair for p, pair in sorted(first.items()) if p in rig.tagged], sources, limits)
+    except (OSError, FrameError):
+        return VOIDED
+    return next((way for way in (VOIDED, KEPT, APPLIED) if way in ways), NOTHING)
+
+
+def _as_found(pairs: Sequence[Tuple[str, str]], sources: Mapping[str, PathLike], limits: Thresholds) -> str:
+    """``applied`` where bands that lie aligned are levelled already and their primary is not: an earlier run's work."""
+    for primary, band in pairs:
+        own, other = (correction_of(Path(sources[path]).read_bytes(), limits) for path in (primary, band))
+        if own is None or other is None or own.neutral or not other.neutral:
+            return NOTHING
+    return APPLIED if pairs else NOTHING
 
 
 def _settled(fits: Sequence[BandFit], plan: RigPlan) -> List[BandFit]:

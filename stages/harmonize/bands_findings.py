@@ -7,7 +7,7 @@ from typing import Dict, Iterator, List, Mapping, Sequence
 from ..finding import INFO, WARNING, Finding
 from ..frame import Frame
 from ..thresholds import Thresholds
-from .bands_model import ALIGNED, APPLIED, REFUSED, VOIDED, WARP, BandFit, Residual, RigPlan
+from .bands_model import ALIGNED, APPLIED, KEPT, REFUSED, VOIDED, WARP, BandFit, Residual, RigPlan
 
 
 def unused_points(names: str) -> Finding:
@@ -85,6 +85,8 @@ def _registered(plan: RigPlan, warped: Sequence[BandFit], limits: Thresholds) ->
         applied = (
             " Black level, vignette and row gradient were applied first; run ODM with radiometric-calibration camera."
         )
+    if plan.radiometry == KEPT:
+        applied = " Black level and vignette tags stay true: the fall-off was moved along with the grid."
     return Finding(
         code="bands-registered",
         severity=INFO,

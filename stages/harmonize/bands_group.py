@@ -137,7 +137,8 @@ def find_rig(
     tagged = set()
     for capture in captures:
         for profile, band in capture.bands:
-            if files[band.path].radiometry:
+            # Thermal counts are temperatures: nobody levels them.
+            if files[band.path].radiometry and band.spectrum != THERMAL:
                 tagged.add(profile)
             if profile not in optics:
                 optics[profile] = band_optics(capture.primary, band, files)

@@ -10,7 +10,7 @@ from .bands_lens import Lens
 WARP, ALIGNED, REFUSED = "warp", "aligned", "refused"
 CALIBRATED, PLAIN = "calibrated", "plain"
 # How pixel-bound radiometry of warped frames is dealt with.
-APPLIED, VOIDED, NOTHING = "applied", "none", ""
+APPLIED, KEPT, VOIDED, NOTHING = "applied", "kept", "none", ""
 Matrix = Tuple[float, ...]
 
 
@@ -90,9 +90,11 @@ class RigPlan:
     already did; ``refused`` ones do not and need a project of their own.
     ``skip_band_alignment`` is set where every band that stays is aligned.
     ``radiometry`` is ``applied`` (black level, vignette and row gradient go
-    into warped pixels and their tags are neutralised), ``none`` (they are void
-    after warping: the project needs ``radiometric-calibration none``) or empty
-    (there is nothing of the kind, or nothing is warped). ``mismatched`` are
+    into warped pixels and their tags are neutralised), ``kept`` (they were
+    taken off, the frame warped, and those of the new place put back: the tags
+    stay true), ``none`` (they are void after warping: the project needs
+    ``radiometric-calibration none``) or empty (there is nothing of the kind,
+    or nothing is warped). ``mismatched`` are
     frames that belong to another capture.
     """
 

@@ -1,16 +1,28 @@
-"""Radiometry that is bound to sensor pixels, applied before a frame is warped.
+"""Radiometry that is bound to sensor pixels, taken off before a frame is warped.
 
-MicaSense's published model: ``L = V(x, y) R(y) (p - p_black)`` with the mean of
-the black level tag, the vignette ``V = 1 / (1 + k0 r + ... + k5 r^6)`` about its
-centre and the row gradient ``R = 1 / (1 + a2 y / t - a3 y)``, t being the
-exposure in seconds. The gain and a1 stay with the reader of the tags. What was
-applied is neutralised: the tags keep form and length, their numbers become 0.
+Published models, each of the black level ``b``, the fall-off of light and,
+where told, the row gradient ``R = 1 / (1 + a2 y / t - a3 y)``, t being the
+exposure in seconds: ``L = V(x, y) R(y) (p - b)``.
+
+- MicaSense: ``V = 1 / (1 + k0 r + ... + k5 r^6)``, r in pixels about a centre.
+- DJI (P4 Multispectral and Mavic 3M image processing guides):
+  ``V = 1 + k0 r + ... + k5 r^6``.
+- Parrot (SEQ-AN-02), Pix4D's tag specification, later MicaSense cameras:
+  ``V = 1 / sum c_ij (x / width)^i (y / height)^j``.
+
+MicaSense's radial model is what ODM applies as well: there the level is applied
+for good and the tags are neutralised (they keep form and length, their numbers
+become 0), gain and a1 stay with the reader of the tags. The others ODM reads
+in part or not at all, and the primary band is never rewritten: applied to the
+warped bands alone, ratios with the primary would carry the primary's fall-off.
+There the level is taken off, the frame is warped, and the level of the new
+place is put back: the tags stay true to the byte, whoever reads them.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Callable, Optional, Tuple
 
 import numpy as np
@@ -18,77 +30,156 @@ import numpy.typing as npt
 
 from ..errors import FrameError
 from ..headers.values import Numbers
-from ..headers.xmp import parse
+from ..headers.xmp import Xmp, parse
 from ..thresholds import Thresholds
-from .exif import EXIF_IFD, Entry, TiffBlock
+from .bands_model import APPLIED, KEPT, VOIDED
+from .exif import EXIF_IFD, IMAGE_LENGTH, IMAGE_WIDTH, Entry, TiffBlock
 from .metadata import is_tiff
 
-_XMP, _BLACK_LEVEL, _EXPOSURE = 700, 0xC61A, 0x829A
+_XMP, _BLACK_LEVEL, _EXPOSURE, _MAKE = 700, 0xC61A, 0x829A, 0x010F
 _NUMBER_BYTES = {3: ("H", 2), 4: ("I", 4), 5: ("I", 8)}
 _CENTER, _POLYNOMIAL = "Camera:VignettingCenter", "Camera:VignettingPolynomial"
+_PLANE, _POWERS = "Camera:VignettingPolynomial2D", "Camera:VignettingPolynomial2DName"
 _GRADIENT = "MicaSense:RadiometricCalibration"
-_MAKERS_OWN = (
-    "Camera:VignettingPolynomial2D",
-    "Camera:BlackCurrent",
-    "Camera:RowGradient",
-    "MicaSense:RowGradient",
-    "drone-dji:VignettingData",
-    "drone-dji:VignettingPolynomial",
-    "drone-dji:BlackLevel",
-)
+_DJI_POLYNOMIAL = ("drone-dji:VignettingData", "drone-dji:VignettingPolynomial")
+_DJI_CENTER = ("drone-dji:CalibratedOpticalCenterX", "drone-dji:CalibratedOpticalCenterY")
+_BLACK_NAMES = ("Camera:BlackCurrent", "Camera:BlackLevel", "drone-dji:BlackLevel")
+_UNPUBLISHED = ("Camera:RowGradient", "MicaSense:RowGradient", "Sentera:VignettingPolynomial")
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+# Lenses lose at most a few parts of their light: a factor outside of this is no fall-off but a damaged tag.
+_LEAST_LEVEL, _MOST_LEVEL = 0.2, 20.0
+_MOST_POWER = 12
+_PROBES = 33
+LOSS, GAIN, PLANE = "loss", "gain", "plane"
 
 
 @dataclass(frozen=True)
 class Correction:
-    """What a frame's tags say; ``row`` is a2 / t - a3 per pixel row."""
+    """What a frame's tags say; ``row`` is a2 / t - a3 per pixel row.
+
+    ``form`` is ``loss`` (light is divided by the radial polynomial), ``gain``
+    (multiplied) or ``plane`` (divided by the polynomial over both axes, its
+    exponents in ``powers``). What is ``kept`` is put back after warping.
+    """
 
     black: float
     center: Tuple[float, float]
     polynomial: Tuple[float, ...]
     row: float
+    form: str = LOSS
+    powers: Tuple[Tuple[int, int], ...] = ()
+    kept: bool = False
 
-    def applied(self, pixels: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-        """Level (h, w, c) counts; may come out below zero where noise is."""
-        height, width = pixels.shape[:2]
-        x, y = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]
+    @property
+    def neutral(self) -> bool:
+        """There is nothing to apply."""
+        return not (self.black or any(self.polynomial) or self.row)
+
+    def level(self, size: Tuple[int, int], out: Optional[Tuple[int, int]] = None) -> npt.NDArray[np.float32]:
+        """Factors (h, w) over a frame of ``size`` (width, height), told at ``out`` pixels."""
+        width, height = out or size
+        x = _centers(width, size[0])
+        y = _centers(height, size[1])[:, None]
         level = np.ones((height, width), np.float32)
-        if self.polynomial:
+        if self.form == PLANE:
+            total = np.zeros((height, width), np.float32)
+            across, down = x / np.float32(size[0]), y / np.float32(size[1])
+            for value, (i, j) in zip(self.polynomial, self.powers):
+                total += np.float32(value) * across**i * down**j
+            level /= total
+        elif self.polynomial:
             radius = np.hypot(x - np.float32(self.center[0]), y - np.float32(self.center[1]))
             fall = np.zeros_like(radius)
             for value in reversed(self.polynomial):
                 fall = (fall + np.float32(value)) * radius
-            level /= 1.0 + fall
+            level = level * (1.0 + fall) if self.form == GAIN else level / (1.0 + fall)
         if self.row:
-            level /= 1.0 + np.float32(self.row) * y
+            level = level / (1.0 + np.float32(self.row) * y)
+        return np.asarray(level, np.float32)
+
+    def applied(self, pixels: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+        """Level (h, w, c) counts; may come out below zero where noise is."""
+        level = self.level((pixels.shape[1], pixels.shape[0]))
         return np.asarray((pixels.astype(np.float32) - np.float32(self.black)) * level[..., None])
+
+    def put_back(self, levelled: npt.NDArray[Any], size: Tuple[int, int]) -> npt.NDArray[np.float32]:
+        """Counts (h, w, c) that the camera of frames of ``size`` would have written where ``levelled`` lie now."""
+        level = self.level(size, (levelled.shape[1], levelled.shape[0]))
+        return np.asarray(levelled / level[..., None] + np.float32(self.black), np.float32)
+
+
+def _centers(count: int, over: int) -> npt.NDArray[np.float32]:
+    """Pixel centres of ``count`` pixels in pixels of a frame that has ``over`` of them."""
+    return np.asarray((np.arange(count) + 0.5) * (over / count) - 0.5, np.float32)
 
 
 def correction_of(data: bytes, limits: Thresholds) -> Optional[Correction]:
-    """The correction of a frame's bytes; ``None`` where a tag is missing, or its maker has a model of its own."""
+    """The correction of a frame's bytes; ``None`` where a tag is missing, or in no published form."""
     if not is_tiff(data):
         return None
     try:
         block = TiffBlock(bytearray(data))
         xmp = parse([_packet(block)], limits)
         numbers = Numbers(xmp, [])
-        if any(xmp.items(name) for name in _MAKERS_OWN):
-            return None
-        black = _black_level(block)
-        polynomial, center = numbers.several(_POLYNOMIAL), numbers.several(_CENTER)
-        gradient = numbers.several(_GRADIENT)
-        exposure = _exposure(block)
+        written, exposure = _black_level(block), _exposure(block)
+        dji = _text(block, _MAKE).upper() == "DJI"
+        size = _size(block)
     except FrameError:
         return None
-    if black is None or bool(polynomial) != (len(center) == 2) or len(gradient) not in (0, 3):
+    gradient = numbers.several(_GRADIENT)
+    black = written if written is not None else numbers.one(*_BLACK_NAMES)
+    if black is None or size is None or len(gradient) not in (0, 3) or any(xmp.items(n) for n in _UNPUBLISHED):
         return None
     row = 0.0
     if gradient and (gradient[1] or gradient[2]):
         if exposure is None:
             return None
         row = gradient[1] / exposure - gradient[2]
-    at = (center[0], center[1]) if polynomial else (0.0, 0.0)
-    return Correction(black, at, polynomial, row)
+    kept = dji or any(xmp.items(name) for name in (_PLANE, *_DJI_POLYNOMIAL, *_BLACK_NAMES))
+    found = _with_falloff(Correction(black, (0.0, 0.0), (), row, kept=kept), xmp, numbers, dji)
+    return found if found is not None and _believable(found, size) else None
+
+
+def _with_falloff(base: Correction, xmp: Xmp, numbers: Numbers, dji: bool) -> Optional[Correction]:
+    """``base`` with the fall-off that the tags tell; ``None`` where they are not complete."""
+    center = numbers.several(_CENTER)
+    if xmp.items(_POLYNOMIAL) or center:
+        radial = numbers.several(_POLYNOMIAL)
+        if not radial or len(center) != 2:
+            return None
+        return replace(base, center=(center[0], center[1]), polynomial=radial, form=GAIN if dji else LOSS)
+    if any(xmp.items(name) for name in _DJI_POLYNOMIAL):
+        radial, at = numbers.several(*_DJI_POLYNOMIAL), [numbers.one(name) for name in _DJI_CENTER]
+        if not radial or at[0] is None or at[1] is None:
+            return None
+        return replace(base, center=(at[0], at[1]), polynomial=radial, form=GAIN)
+    if xmp.items(_PLANE):
+        terms, powers = numbers.several(_PLANE), numbers.several(_POWERS)
+        whole = [int(p) for p in powers if p == int(p) and 0 <= p <= _MOST_POWER]
+        if not terms or len(whole) != 2 * len(terms) or len(powers) != len(whole):
+            return None
+        return replace(base, polynomial=terms, form=PLANE, powers=tuple(zip(whole[::2], whole[1::2])))
+    return base
+
+
+def _believable(correction: Correction, size: Tuple[int, int]) -> bool:
+    with np.errstate(all="ignore"):
+        level = correction.level(size, (min(_PROBES, size[0]), min(_PROBES, size[1])))
+    return bool(np.isfinite(level).all() and level.min() >= _LEAST_LEVEL and level.max() <= _MOST_LEVEL)
+
+
+def treatment(data: bytes, limits: Thresholds) -> str:
+    """What can be done with a frame's radiometry when it is warped: ``applied``, ``kept`` or ``none``."""
+    found = correction_of(data, limits)
+    if found is None:
+        return VOIDED
+    if found.kept:
+        return KEPT
+    try:
+        neutralised(data, limits)
+    except FrameError:
+        return KEPT
+    return APPLIED
 
 
 def neutralised(data: bytes, limits: Thresholds) -> bytes:
@@ -109,20 +200,9 @@ def neutralised(data: bytes, limits: Thresholds) -> bytes:
         block.data[packet.value_at : packet.value_at + packet.length] = new
     result = bytes(block.data)
     left = correction_of(result, limits)
-    if len(result) != len(data) or left is None or left.black or any(left.polynomial) or left.row:
+    if len(result) != len(data) or left is None or not left.neutral:
         raise FrameError("radiometry-not-rewritable", "Its radiometric tags cannot be rewritten in place.")
     return result
-
-
-def can_be_applied(data: bytes, limits: Thresholds) -> bool:
-    """Whether the tags are complete and can be neutralised afterwards."""
-    if correction_of(data, limits) is None:
-        return False
-    try:
-        neutralised(data, limits)
-    except FrameError:
-        return False
-    return True
 
 
 def _packet(block: TiffBlock) -> bytes:
@@ -143,6 +223,19 @@ def _black_level(block: TiffBlock) -> Optional[float]:
             return None
         values.append(block.whole(code, at) / below)
     return sum(values) / len(values)
+
+
+def _size(block: TiffBlock) -> Optional[Tuple[int, int]]:
+    found = [block.find(block.first, tag) for tag in (IMAGE_WIDTH, IMAGE_LENGTH)]
+    values = [int(block.number(e) or 0) if e is not None else 0 for e in found]
+    return (values[0], values[1]) if min(values) > 0 else None
+
+
+def _text(block: TiffBlock, tag: int) -> str:
+    entry = block.find(block.first, tag)
+    if entry is None:
+        return ""
+    return bytes(block.data[entry.value_at : entry.value_at + entry.length]).decode("latin-1").strip("\0 ")
 
 
 def _zero(block: TiffBlock, entry: Entry) -> None:
@@ -189,4 +282,4 @@ def _without(packet: bytes, name: bytes, keep: int) -> bytes:
     return packet
 
 
-__all__ = ["Correction", "can_be_applied", "correction_of", "neutralised"]
+__all__ = ["Correction", "correction_of", "neutralised", "treatment"]
