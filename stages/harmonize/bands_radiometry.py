@@ -276,9 +276,9 @@ def _without(packet: bytes, name: bytes, keep: int) -> bytes:
         (rb"(?s)(<[\w.-]+:" + name + rb"(?=[\s>])[^<>]*)(>.*?)(</[\w.-]+:" + name + rb"\s*>)", in_element),
         (rb"(\s[\w.-]+:" + name + rb"\s*=\s*[\"'])([^\"'<]*)([\"'])", in_attribute),
     )
-    for pattern, replace in forms:
+    for pattern, zeroed in forms:
         left = keep
-        packet = re.sub(pattern, replace, packet, count=1)
+        packet = re.sub(pattern, zeroed, packet, count=1)
     return packet
 
 

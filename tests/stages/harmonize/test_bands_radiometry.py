@@ -168,7 +168,9 @@ FORMS = {
 }
 
 
-@given(form=st.sampled_from(sorted(FORMS)), black=st.floats(0, 6000), row=st.floats(-1e-4, 1e-4), grow=st.integers(1, 2))
+@given(
+    form=st.sampled_from(sorted(FORMS)), black=st.floats(0, 6000), row=st.floats(-1e-4, 1e-4), grow=st.integers(1, 2)
+)
 @settings(max_examples=40, deadline=None)
 def test_what_was_taken_off_and_put_back_is_what_it_was(form: str, black: float, row: float, grow: int) -> None:
     center, polynomial, powers = FORMS[form]
