@@ -369,6 +369,10 @@ class Thresholds:
     outcome_outlier_share: float = _number(
         0.15, "ratio", "more mismatches are the model's fault and count; two real blocks that hold had 4 to 5 %"
     )
+    outcome_ground_points: int = _number(50_000, "points", "as many tell the ground below the cameras; more cost time")
+    outcome_focal_change: float = _number(
+        0.03, "ratio", "a focal that ODM moved farther from its start: the start was wrong or the block too weak"
+    )
     outcome_tie_points: int = _number(10, "points", "OpenSfM takes a frame into a model from ten common points on")
 
     # --- submitting to a node ------------------------------------------------------

@@ -175,16 +175,19 @@ class Journey:
     def _free_number(self, entry: Entry) -> Tuple[int, Optional[TaskView]]:
         """The next task of this project: one that the node already has from a lost ledger, else a new one."""
         first = max((a.number for a in entry.attempts), default=0) + 1
+        free: Optional[int] = None
         for number in range(first, first + self.context.limits.submit_task_numbers):
-            view = self.patience.keep_asking(lambda n=number: self.client.task(self.parcel.uuid(n)))  # type: ignore[misc]
+            if free is not None and number >= first + self.context.limits.submit_max_sends:
+                break
+            uuid = self.parcel.uuid(number)
+            view = self.patience.keep_asking(lambda u=uuid: self.client.task(u))  # type: ignore[misc]
             if view is None:
-                return number, None
-            if view.status not in ENDED or view.status == COMPLETED:
+                free = number if free is None else free
+            elif view.status not in ENDED or view.status == COMPLETED:
                 return number, view
-        raise UsageError(
-            f"{self.client.shown} has {self.context.limits.submit_task_numbers} tasks of {self.parcel.name}. "
-            "Remove some there."
-        )
+        if free is None:
+            raise UsageError(f"{self.client.shown} has too many tasks of {self.parcel.name}. Remove some there.")
+        return free, None
 
     def _send(self, entry: Entry, attempt: Attempt) -> None:
         if self._elsewhere(attempt):

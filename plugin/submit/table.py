@@ -53,7 +53,7 @@ def lines(result: Submission) -> List[str]:
                 rows.append((payload, entry.name, str(entry.images), str(len(entry.attempts)), became))
     widths = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))]
     told = ["  ".join(c.ljust(w) for c, w in zip(r, widths)).rstrip() for r in rows]
-    why = [line for e in result.entries for line in _why(e)]
+    why = [line for e in result.entries for line in _why(e)] + _notes(result)
     told += ["", *why] if why else []
     told += [f"{name}: {message}" for name, message in result.faults]
     if result.left_out:
@@ -68,7 +68,6 @@ def _why(entry: Entry) -> List[str]:
     for attempt in entry.attempts[:-1]:
         told.append(f"{entry.name}: task {attempt.number} was {attempt.state}. {attempt.message}".rstrip())
     last = entry.last
-    told += [f"{entry.name}: {note}" for note in (last.notes if last is not None else ())]
     if last is not None and last.repaired:
         told.append(f"{entry.name}: {len(last.repaired)} files were sent again in an archive after broken uploads.")
     if entry.state != states.DONE:
@@ -76,3 +75,12 @@ def _why(entry: Entry) -> List[str]:
     if entry.children:
         told.append(f"{entry.name}: goes on as {', '.join(entry.children)} ({entry.route}).")
     return told
+
+
+def _notes(result: Submission) -> List[str]:
+    """What is to be known of the tasks that count; what holds for several projects is said once."""
+    found: Dict[str, List[str]] = {}
+    for entry in result.entries:
+        for note in entry.last.notes if entry.last is not None else ():
+            found.setdefault(note, []).append(entry.name)
+    return [f"{names[0] if len(names) == 1 else f'{len(names)} projects'}: {note}" for note, names in found.items()]

@@ -160,13 +160,21 @@ class Transfer:
             pass  # it stays torn in the journal, and goes into the seed
 
     def _send_seed(self, attempt: Attempt, torn: Sequence[Item], journal: Journal, scratch: Path) -> None:
-        if SEED in journal.begun:
-            raise Abandoned("the archive that was to mend the upload may have arrived in part")
+        """Send the archive until the node says that it has it.
+
+        Here to repeat is right: beside a whole one the second becomes
+        ``seed_.zip``, which the node deletes; a torn one cannot be unpacked,
+        and the node says so.
+        """
         path = scratch / SEED
         write_seed(path, torn, self.parcel.calibration if attempt.seed else None)
-        self._send(attempt, Item(SEED, str(path), path.stat().st_size), journal)
-        if SEED not in journal.done:
-            raise Abandoned("the archive that was to mend the upload got no answer")
+        for go in range(self.patience.limits.submit_seed_tries):
+            if go:
+                self.patience.wait(self.patience.limits.submit_retry_s)
+            self._send(attempt, Item(SEED, str(path), path.stat().st_size), journal)
+            if SEED in journal.done:
+                return
+        raise Abandoned("the archive that was to mend the upload got no answer")
 
     def _commit(self, attempt: Attempt) -> None:
         """Make a task of the upload, once. Where there was no answer, look before asking again."""
@@ -215,6 +223,8 @@ class Transfer:
             pause = limits.submit_poll_s if waited > limits.submit_retry_s else limits.submit_poll_s / 10
             self.patience.wait(pause)
             waited += pause
+        if view.status == FAILED and "extract .zip" in view.message:
+            raise Abandoned("the archive that was to mend the upload arrived in part")
         if view.status not in (FAILED, CANCELED):
             self._compare(attempt, view)
         return view
