@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
-from ..stages.align.model import GcpMark
+from ..stages.align.model import ControlFit, GcpMark
 from ..stages.assemble import gps_sigma_of
 from ..stages.errors import UsageError
 from ..stages.finding import Finding
@@ -19,6 +20,7 @@ from ..stages.srs import to_lonlat
 from ..stages.survey import Survey
 from ..stages.thresholds import Thresholds
 from .odm.gcp import GcpFile, GcpFrame, align_marks, read_gcp
+from .odm.gcp_check import held_out
 from .odm.gcp_place import PlacedGcps, place
 from .odm.gcp_project import gcp_for_project
 from .odm.geo import GeoFile, GeoFrame, check_geo, geo_for, read_geo, rewrite_geo, uniform_accuracy_m
@@ -65,14 +67,19 @@ class Control:
         survey: Survey,
         limits: Thresholds,
         primary: Set[str],
+        fit: Optional[ControlFit] = None,
     ) -> ProjectControl:
-        """Ground control and positions for one project, rewritten for its frames' names and sizes."""
+        """Ground control and positions for one project, rewritten for its frames' names and sizes.
+
+        ``fit`` is what the alignment found of the points: those that it
+        contradicts stay out.
+        """
         own = set(paths)
         frames = [f for f in survey.files if f.path in own]
         result = ProjectControl()
         if self.placed is not None:
-            decision = gcp_for_project(name, self.placed, _gcp_frames(frames, copies, primary), limits)
-            marked = {m.path for m in self.placed.marks if m.path in own and m.path in primary}
+            decision = gcp_for_project(name, self.placed, _gcp_frames(frames, copies, primary), limits, fit)
+            marked = {m.path for m in self.placed.marks if m.path in own and m.path in primary and not m.check}
             result = replace(
                 result,
                 gcp_text=decision.text,
@@ -133,13 +140,24 @@ def _position(frame: Frame) -> Optional[Tuple[float, float]]:
     return (frame.latitude, frame.longitude)
 
 
-def read_control(gcp: Optional[str], geo: Optional[str], frames: Sequence[Frame], limits: Thresholds) -> Control:
-    """Read the files that were given and bind them to the frames. ``UsageError`` where one cannot be read."""
+def read_control(
+    gcp: Optional[str],
+    geo: Optional[str],
+    frames: Sequence[Frame],
+    limits: Thresholds,
+    check_points: Optional[str] = None,
+) -> Control:
+    """Read the files that were given and bind them to the frames. ``UsageError`` where one cannot be read.
+
+    ``check_points`` are names or a number of points to hold out, beside those whose name says so.
+    """
     control = Control(tuple(frames))
     if geo is not None:
         control = _with_geo(control, read_geo(read_text(_file(geo, "--geo"))), limits)
     if gcp is not None:
-        control = _with_gcp(control, read_gcp(read_text(_file(gcp, "--gcp"))), limits)
+        control = _with_gcp(control, read_gcp(read_text(_file(gcp, "--gcp"))), limits, check_points)
+    elif check_points:
+        raise UsageError("--check-points needs the ground control file that they stand in (--gcp FILE).")
     return control
 
 
@@ -150,20 +168,24 @@ def _file(path: str, option: str) -> Path:
     return file
 
 
-def _with_gcp(control: Control, gcp: GcpFile, limits: Thresholds) -> Control:
-    placed = place(gcp, _gcp_frames(control.frames, untouched(control.frames)), limits)
-    images: Dict[Tuple[float, float, Optional[float]], Set[str]] = defaultdict(set)
+def _with_gcp(control: Control, gcp: GcpFile, limits: Thresholds, check_points: Optional[str]) -> Control:
+    found = place(gcp, _gcp_frames(control.frames, untouched(control.frames)), limits)
+    placed = held_out(found, check_points)
+    images: Dict[Tuple[float, float, float], Set[str]] = defaultdict(set)
+    first = {}
     for mark in placed.marks:
-        images[(mark.latitude, mark.longitude, mark.line.point[2])].add(mark.path)
+        images[mark.line.point].add(mark.path)
+        first.setdefault(mark.line.point, mark)
     points = tuple(
         {
-            "name": f"gcp-{number:02d}",
-            "latitude": round(latitude, 9),
-            "longitude": round(longitude, 9),
-            "altitude_m": height,
-            "images": len(images[(latitude, longitude, height)]),
+            "name": mark.line.name or f"gcp-{number:02d}",
+            "latitude": round(mark.latitude, 9),
+            "longitude": round(mark.longitude, 9),
+            "altitude_m": point[2] if math.isfinite(point[2]) else None,
+            "images": len(images[point]),
+            "check": mark.check,
         }
-        for number, (latitude, longitude, height) in enumerate(images, start=1)
+        for number, (point, mark) in enumerate(first.items(), start=1)
     )
     return replace(control, placed=placed, points=points, findings=(*control.findings, *gcp.findings, *placed.findings))
 

@@ -54,6 +54,7 @@ class Settings:
     gsd_target: Union[str, float] = "finest"
     gcp: Optional[str] = None
     force_gcp: bool = False
+    check_points: Optional[str] = None
     geo: Optional[str] = None
     engine: str = "pycolmap"
     max_dim: Optional[int] = None
@@ -133,15 +134,16 @@ def inspect(
     found: Optional[Found] = None,
 ) -> Inspection:
     """Read, group and assess; nothing is written."""
+    elevation = open_elevation(settings.dem, settings.thresholds) if settings.dem is not None else None
     everything = scan(list(paths), progress=progress, cancel=cancel, limits=settings.thresholds, found=found)
     images, masks = split_masks(everything)
-    control = read_control(settings.gcp, settings.geo, images.frames, settings.thresholds)
+    control = read_control(settings.gcp, settings.geo, images.frames, settings.thresholds, settings.check_points)
     survey = build(
         replace(images, frames=control.frames),
         load_sheet(settings.calibration, settings.thresholds),
         settings.thresholds,
         ground_m=settings.ground_m,
-        elevation=open_elevation(settings.dem, settings.thresholds) if settings.dem is not None else None,
+        elevation=elevation,
         stored=read_store(settings.calibrations) if settings.calibrations is not None else None,
     )
     survey = replace(survey, profiles=tuple(_with_thermal_reading(p, survey) for p in survey.profiles))

@@ -206,7 +206,13 @@ def _decide(
     solved = {h.profile for h in solver}
     calibration = calibration_for(solver, decisions, settings.thresholds)
     ground = inspection.control.for_project(
-        name, paths, copies, survey, settings.thresholds, primary={h.frame.path for h in solver}
+        name,
+        paths,
+        copies,
+        survey,
+        settings.thresholds,
+        primary={h.frame.path for h in solver},
+        fit=item.proven.alignment.control if item.proven.alignment else None,
     )
     own = set(paths)
     fixed = all(is_rtk_fixed(h.frame.rtk_flag) for h in headers)
@@ -349,4 +355,5 @@ def _alignment(proven: ProvenGroup, survey: Survey, limits: Thresholds) -> Optio
         ],
         "unregistered": [f.path for f in found.frames if not f.registered],
         "notes": list(found.notes),
+        "control": None if found.control is None else to_plain(found.control),
     }

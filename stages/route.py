@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 from .align.blocks import blocks, likeness, subset
+from .align.control import checked
 from .align.judge import FAIL, PASS, UNPROVEN
 from .align.model import AlignmentReport, AlignRequest, GcpMark, LockDecision, PayloadAlignment
 from .align.prepare import sorted_request
@@ -23,6 +24,7 @@ from .align.solution import Retrieval
 from .align.tie import ControlTie, joined_by_control, tie_by_control
 from .align.worker import SolverFailed
 from .errors import UsageError
+from .gcp import marks_from_file
 from .progress import Cancel, Progress, check
 from .thresholds import DEFAULTS, Thresholds
 
@@ -312,9 +314,10 @@ def _worst(report: AlignmentReport) -> str:
 
 
 def _reasons(report: AlignmentReport) -> Tuple[str, ...]:
+    said = () if report.control is None else checked(report.control)
     if len(report.payloads) == 1:
-        return report.payloads[0].reasons
-    return tuple(f"{p.payload}: {reason}" for p in report.payloads for reason in p.reasons)
+        return (*report.payloads[0].reasons, *said)
+    return (*(f"{p.payload}: {reason}" for p in report.payloads for reason in p.reasons), *said)
 
 
 def _group(request: AlignRequest, route: str, reasons: Sequence[str], report: Optional[AlignmentReport]) -> ProvenGroup:
@@ -380,7 +383,7 @@ class PipelineRouter:
         strategy: str,
         image_subset: Union[AlignRequest, Sequence[Union[str, Path]]],
         *,
-        gcp: Optional[Sequence[GcpMark]] = None,
+        gcp: Optional[Union[str, Path, Sequence[GcpMark]]] = None,
         workspace: Optional[Union[str, Path]] = None,
         engine: str = "pycolmap",
         max_dim: Optional[int] = None,
@@ -390,13 +393,16 @@ class PipelineRouter:
         ``image_subset`` is a request or paths of frames; of paths that cannot
         share one alignment, the largest set is taken. ``strategy`` is
         ``fallback_pairwise`` or ``proceed_bundle_adjustment`` (one joint
-        alignment). Files go to ``workspace`` alone, a temporary folder that is
-        removed when none is given.
+        alignment). ``gcp`` is a ground control list (``gcp_list.txt``) in pixels
+        of these frames, or its marks. Files go to ``workspace`` alone, a
+        temporary folder that is removed when none is given.
         """
         if strategy not in (FALLBACK_STRATEGY, PAIRWISE, PROCEED_STRATEGY):
             raise UsageError(f"There is no strategy {strategy!r}; known: {FALLBACK_STRATEGY}, {PROCEED_STRATEGY}.")
         request = image_subset if isinstance(image_subset, AlignRequest) else _request_of_paths(image_subset)
-        if gcp:
+        if isinstance(gcp, (str, Path)):
+            request = replace(request, gcps=marks_from_file(gcp, request.frames))
+        elif gcp:
             paths = {f.path for f in request.frames}
             request = replace(request, gcps=tuple(m for m in gcp if m.path in paths))
         if workspace is None:

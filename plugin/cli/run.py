@@ -24,6 +24,11 @@ def register(verbs: Any) -> None:
     add_input(parser)
     parser.add_argument("--out", required=True, metavar="DIR", help="an empty or new folder for the projects")
     parser.add_argument("--gcp", metavar="FILE", help="ground control points in ODM's gcp_list.txt format")
+    parser.add_argument(
+        "--check-points",
+        metavar="NAMES|N",
+        help="ground control to hold out and measure: names, or how many (points named check... always are)",
+    )
     parser.add_argument("--force-gcp", action="store_true", help="let ground control replace GPS where it is enough")
     parser.add_argument("--geo", metavar="FILE", help="positions in ODM's geo.txt format")
     parser.add_argument(
@@ -56,6 +61,7 @@ def call(args: argparse.Namespace) -> int:
                 gsd_target=gsd_target_from(args.gsd_target),
                 gcp=args.gcp,
                 force_gcp=args.force_gcp,
+                check_points=args.check_points,
                 geo=args.geo,
                 engine=args.engine,
                 max_dim=args.max_dim,

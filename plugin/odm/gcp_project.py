@@ -10,6 +10,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Sequence, Set, Tuple
 
+from ...stages.align.model import ControlFit
 from ...stages.finding import INFO, WARNING, Finding
 from ...stages.geo import flatness, hull_area_m2, local_metres
 from ...stages.thresholds import DEFAULTS, Thresholds
@@ -29,22 +30,33 @@ class GcpDecision:
 
 
 def gcp_for_project(
-    name: str, placed: PlacedGcps, frames: Sequence[GcpFrame], thresholds: Thresholds = DEFAULTS
+    name: str,
+    placed: PlacedGcps,
+    frames: Sequence[GcpFrame],
+    thresholds: Thresholds = DEFAULTS,
+    fit: Optional[ControlFit] = None,
 ) -> GcpDecision:
     """Decide for one sub-project (``frames`` are its own, as they are written).
 
     Needed: enough points on enough primary-band frames, not on one line, over
     enough of the block. A project without any GPS has nothing to lose: there
-    three points that are not on one line do.
+    three points that are not on one line do. Check points are held out; so is
+    what the alignment (``fit``) contradicts.
     """
     by_path = {f.path: f for f in frames}
-    mine = [m for m in placed.marks if m.path in by_path]
+    mine = [m for m in placed.marks if m.path in by_path and not m.check]
     if not mine:
         return GcpDecision(None, 0)
+    if fit is not None and fit.verdict == "fail":
+        return GcpDecision(None, 0, (_contradicted(name),))
     usable = [m for m in mine if by_path[m.path].primary]
     findings: List[Finding] = []
     if len(usable) < len(mine):
         findings.append(_secondary(name, len(mine) - len(usable)))
+    wrong = tuple(sorted({m.line.label for m in usable} & set(fit.outliers))) if fit is not None else ()
+    if wrong:
+        findings.append(_outliers(name, wrong))
+        usable = [m for m in usable if m.line.label not in wrong]
     seen: Dict[Tuple[float, float, float], Set[str]] = defaultdict(set)
     places: Dict[Tuple[float, float, float], _XY] = {}
     for mark in usable:
@@ -99,6 +111,28 @@ def _refused(code: str, name: str, why: str, measured: float, threshold: float, 
         remedy=f"{remedy} Or run the project with --align on the surface model of the project that has ground control.",
         measured=measured,
         threshold=threshold,
+    )
+
+
+def _contradicted(name: str) -> Finding:
+    return Finding(
+        code="gcp-contradicted",
+        severity=WARNING,
+        subjects=(name,),
+        message=f"{name} gets no ground control: its points do not fit the model that its frames make, or the scale "
+        "that their GPS gives it. With a wrong list ODM would bend the block, so GPS stays.",
+        remedy="Check the points' coordinate system, unit and heights, and that each mark has the right name; "
+        "the project's reasons say by how much they miss.",
+    )
+
+
+def _outliers(name: str, labels: Sequence[str]) -> Finding:
+    return Finding(
+        code="gcp-outlier",
+        severity=WARNING,
+        subjects=tuple(labels),
+        message=f"{', '.join(labels)}: contradicted by all other ground control points of {name}, and left out.",
+        remedy="Check the point's coordinates and its marks.",
     )
 
 

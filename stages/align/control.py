@@ -310,6 +310,17 @@ def residuals(
     )
 
 
+def checked(fit: ControlFit) -> Tuple[str, ...]:
+    """How far check points came out from their coordinates, in words; empty without any."""
+    if not fit.check_points:
+        return ()
+    how = "with the control points held" if fit.held else "laid on the control points"
+    return (
+        f"{fit.check_points} check points miss by {fit.check_horizontal_m:.3f} m horizontally and "
+        f"{fit.check_vertical_m:.3f} m vertically, {how}",
+    )
+
+
 def of_payload(
     request: AlignRequest,
     job: Job,

@@ -7,8 +7,10 @@ from typing import Dict, List, Sequence, Tuple
 
 import pytest
 from sensorgate.plugin.odm.gcp import GcpFrame, read_gcp
+from sensorgate.plugin.odm.gcp_check import held_out
 from sensorgate.plugin.odm.gcp_place import PlacedGcps, place
 from sensorgate.plugin.odm.gcp_project import gcp_for_project
+from sensorgate.stages.align.model import ControlFit
 from sensorgate.stages.geo import flatness, hull_area_m2
 from sensorgate.stages.srs import lonlat_to_utm, utm_to_lonlat
 
@@ -62,6 +64,27 @@ def test_too_little_ground_control_leaves_gps_on(points: list, images: int, code
     assert decision.text is None
     assert [f.code for f in decision.findings] == [code]
     assert "GPS stays" in decision.findings[0].message
+
+
+def test_check_points_stand_in_no_list() -> None:
+    five = place(read_gcp(text()), frames())
+    placed = held_out(place(read_gcp(text([*CORNERS, (40.0, 100.0)])), frames()), "1")
+    assert [f.code for f in placed.findings] == ["gcp-check-points"]
+    decision = gcp_for_project("rgb", placed, frames())
+    assert decision.text is not None and decision.points == 5
+    (out,) = placed.findings[0].subjects
+    assert out in ("p4", "p5") and f" {out}" not in decision.text
+    assert held_out(five, None) == five
+    few = gcp_for_project("rgb", held_out(five, "p4"), frames())
+    assert few.text is None and [f.code for f in few.findings] == ["gcp-few-points"]
+
+
+def test_what_the_alignment_contradicts_is_not_written() -> None:
+    placed = place(read_gcp(text([*CORNERS, (40.0, 100.0)])), frames())
+    one = gcp_for_project("rgb", placed, frames(), fit=ControlFit(5, outliers=("p5",), verdict="pass"))
+    assert one.text is not None and " p5" not in one.text and [f.code for f in one.findings] == ["gcp-outlier"]
+    none = gcp_for_project("rgb", placed, frames(), fit=ControlFit(6, verdict="fail"))
+    assert none.text is None and [f.code for f in none.findings] == ["gcp-contradicted"]
 
 
 def test_a_block_without_gps_has_nothing_to_lose() -> None:
