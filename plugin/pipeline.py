@@ -58,9 +58,10 @@ def gate(
     progress: Optional[Progress] = None,
     cancel: Optional[Cancel] = None,
     found: Optional[Found] = None,
+    inspection: Optional[Inspection] = None,
 ) -> Result:
     """The verdict on imagery before anything is spent on it. Exit 0 consistent, 1 fixable, 3 blocked."""
-    inspection = inspect(paths, settings, progress=progress, cancel=cancel, found=found)
+    inspection = inspection or inspect(paths, settings, progress=progress, cancel=cancel, found=found)
     code = {"consistent": 0, "inconsistent": 1}.get(inspection.verdict, 3)
     return Result(_report(inspection, inspection.findings), code)
 
