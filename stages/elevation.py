@@ -31,6 +31,7 @@ _PROGRAM_SETTINGS = {"GDAL_PAM_ENABLED": "NO", "PROJ_NETWORK": "OFF", "GDAL_CACH
 _BLOCK = 1 << 20
 _HASHED_WHOLE = 64 * _BLOCK
 _HASHED_IN_ALL = 512 * _BLOCK
+_HELD = 64 * _BLOCK
 _STEP_DEG = 1e-4
 _FOOT_M, _US_FOOT_M = 0.3048, 1200.0 / 3937.0
 _UNIT_WORDS = (
@@ -156,6 +157,7 @@ class _Bindings(_Cells):
             raise _no_grid(file, str(error)) from None
         self._band = self._dataset.GetRasterBand(1)
         self._float64 = gdal.GDT_Float64
+        self._kind = gdal.GetDataTypeName(self._band.DataType)
 
     def pixels(self, points: Sequence[LatLon]) -> List[Optional[Pixel]]:
         return [self._pixel(latitude, longitude) for latitude, longitude in points]
@@ -170,14 +172,25 @@ class _Bindings(_Cells):
     def values(self, cells: Sequence[Cell]) -> Dict[Cell, Optional[float]]:
         import struct
 
+        wide, high = self._band.GetBlockSize()
+        size = wide * high * _TYPE_BYTES.get(self._kind, 8)
+        blocks: Dict[Cell, List[Cell]] = {}
+        for x, y in cells:
+            blocks.setdefault((y // high, x // wide), []).append((x, y))
         found: Dict[Cell, Optional[float]] = {}
-        # Row by row, so that each block of the file is unpacked once.
-        for x, y in sorted(cells, key=lambda c: (c[1], c[0])):
-            try:
-                raw = self._band.ReadRaster(x, y, 1, 1, buf_type=self._float64)
-            except RuntimeError as error:
-                raise _unreadable(self._file, str(error)) from None
-            found[(x, y)] = struct.unpack("d", bytes(raw))[0]
+        held = 0
+        # Block by block, so that each is unpacked once and few are held.
+        for block in sorted(blocks):
+            for x, y in sorted(blocks[block]):
+                try:
+                    raw = self._band.ReadRaster(x, y, 1, 1, buf_type=self._float64)
+                except RuntimeError as error:
+                    raise _unreadable(self._file, str(error)) from None
+                found[(x, y)] = struct.unpack("d", bytes(raw))[0]
+            held += size
+            if held > _HELD:
+                self._dataset.FlushCache()
+                held = 0
         return found
 
 
@@ -233,7 +246,7 @@ def open_elevation(file: str, limits: Thresholds = DEFAULTS) -> Elevation:
     Raises ``UsageError`` where the file is missing, is no raster of heights or
     says not where it lies, and ``MissingDependency`` without GDAL.
     """
-    path = Path(file)
+    path = Path(os.path.abspath(file))  # GDAL's programs would take a leading dash for an option
     if not path.is_file():
         raise UsageError(f"--ground: there is no file {file}. Give an elevation model or a height in metres.")
     try:
