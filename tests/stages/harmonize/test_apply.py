@@ -256,9 +256,9 @@ run(shrunk(frames), frames, source, out / "images", journal=out / "journal")
 """
 
 
-def survey_again(folder: Path) -> Dict[str, Frame]:
+def survey_again(folder: Path, width: int = 320, height: int = 240) -> Dict[str, Frame]:
     return {
-        p.name: Frame(p.name, p.stat().st_size, "jpeg", 320, 240, focal_mm=8.8, focal_35mm=24.0)
+        p.name: Frame(p.name, p.stat().st_size, "jpeg", width, height, focal_mm=8.8, focal_35mm=24.0)
         for p in sorted(folder.iterdir())
     }
 
@@ -289,6 +289,36 @@ def test_killed_at_any_moment_and_run_again_gives_the_same(tmp_path):
         assert set(digests(out / "images")) == set(wanted)
     assert killed_inside
     assert digests(tmp_path / "in") == before
+
+
+def _alive(session: int) -> bool:
+    """Whether a process of the session lives: a worker that outlived its parent."""
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            fields = stat.read_text().rpartition(")")[2].split()
+            if int(fields[3]) == session and fields[0] != "Z":
+                return True
+    return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
+def test_workers_end_with_a_parent_that_is_killed_alone(tmp_path):
+    """A worker left behind would write beside the next run."""
+    survey(tmp_path / "in", 60, width=1200, height=900)
+    script = SCRIPT.replace("survey_again(source)", "survey_again(source, 1200, 900)")
+    command = [sys.executable, "-c", script, str(ROOT), str(tmp_path / "in"), str(tmp_path / "out")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=True)
+    images = tmp_path / "out" / "images"
+    limit = time.monotonic() + 20
+    while not (images.exists() and any(images.iterdir())) and time.monotonic() < limit:
+        time.sleep(0.01)
+    process.kill()
+    process.communicate()
+    limit = time.monotonic() + 3
+    while _alive(process.pid) and time.monotonic() < limit:
+        time.sleep(0.02)
+    assert not _alive(process.pid)
+    assert 0 < len(list(images.iterdir())) < 60
 
 
 def test_what_a_killed_link_left_is_never_written_through(tmp_path):
