@@ -145,6 +145,9 @@ class Thresholds:
         0.9, "ratio", "of the matches, once the coarse frames are enlarged to the fine (measured 1.2 and 0.85)"
     )
     restored_share_4x: float = _number(0.4, "ratio", "the same at four times (measured 0.58 and 0.22)")
+    odm_hold_ratio: float = _number(
+        1.25, "GSD ratio, below 1.5", "after ODM's own reduction matches hold up to here (measured +24 % and -7 %)"
+    )
     odm_share_1_5x: float = _number(
         0.53, "ratio", "of ODM's matches are left at 1.5 times after its own reduction (measured 193 of 361)"
     )

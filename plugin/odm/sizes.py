@@ -115,7 +115,9 @@ def _load(
     ratio = max(own, best) / sharp if sharp else 1.0
     # Interpolated pixels show no more ground than those they were made of.
     enlarged = (native[key].gsd_cm or own) / own if own else 1.0
-    share = interpolated(((1.0, 1.0), (1.5, limits.odm_share_1_5x)), ratio) * restored_share(enlarged, limits)
+    share = interpolated(
+        ((limits.odm_hold_ratio, 1.0), (1.5, limits.odm_share_1_5x), (4.0, limits.match_share_4x)), ratio
+    ) * restored_share(enlarged, limits)
     return OdmLoad(side, undistorted_px(largest.width, largest.height, mean), share)
 
 
