@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple, Union
 
+from ..errors import FrameError
 from ..frame import BrokenFrame, Frame
 from ..progress import Cancel, Progress, check
 from ..thresholds import Thresholds
@@ -88,6 +89,8 @@ def apply(
             how = put_link(source, target, link=link)
         except FileNotFoundError:
             broken[path] = _vanished(path, frames)
+        except FrameError as error:
+            broken[path] = BrokenFrame(path, _bytes(path, frames), error.code, error.message)
         else:
             if path in targets:
                 done[path] = _harmonized(frames[path], action_of.get(path), target, how)
@@ -176,8 +179,7 @@ def _take(
 ) -> None:
     """Record one answer."""
     if answer["state"] == BROKEN:
-        size = frames[job.path].size_bytes if job.path in frames else 0
-        broken[job.path] = BrokenFrame(job.path, size, answer["code"], answer["message"])
+        broken[job.path] = BrokenFrame(job.path, _bytes(job.path, frames), answer["code"], answer["message"])
         return
     record.note(job.path, answer["key"], answer["digest"])
     if job.path in targets:
@@ -192,5 +194,11 @@ def _harmonized(frame: Frame, action: Optional[FlightAction], target: Path, how:
 
 
 def _vanished(path: str, frames: Mapping[str, Frame]) -> BrokenFrame:
-    size = frames[path].size_bytes if path in frames else 0
-    return BrokenFrame(path, size, "frame-vanished", "The file was there when the folder was read and is gone now.")
+    return BrokenFrame(
+        path, _bytes(path, frames), "frame-vanished", "The file was there when the folder was read and is gone now."
+    )
+
+
+def _bytes(path: str, frames: Mapping[str, Frame]) -> int:
+    """Size of a frame's file; a mask's is not known."""
+    return frames[path].size_bytes if path in frames else 0

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import errno
-import filecmp
 import os
-import shutil
 from pathlib import Path
-from typing import Iterable, Set, Union
+from typing import Iterable, Iterator, Set, Union
 
-from ..errors import UsageError
+from ..errors import FrameError, UsageError
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _NO_LINK = frozenset(
@@ -17,6 +15,7 @@ _NO_LINK = frozenset(
     for name in ("EXDEV", "EPERM", "EACCES", "EMLINK", "ENOSYS", "ENOTSUP", "EOPNOTSUPP", "EINVAL")
     if hasattr(errno, name)
 )
+_BLOCK_BYTES = 1 << 20
 PathLike = Union[str, Path]
 
 
@@ -28,8 +27,8 @@ def output_error(target: Path, error: OSError) -> OutputError:
     """Say what is wrong with the folder of ``target`` and what to do."""
     if error.errno in _FULL:
         return OutputError(
-            f"The disk of {target.parent} is full. Free some space or choose another --out, "
-            "then run the same command with --resume: finished frames are kept."
+            f"The disk of {target.parent} is full: {target.name} does not fit. Free some space or choose another "
+            "--out, then run the same command with --resume: finished frames are kept."
         )
     return OutputError(
         f"{target} cannot be written ({error.strerror or error}). Choose another --out or make the folder writable."
@@ -95,8 +94,9 @@ def put_link(source: PathLike, target: Path, *, link: bool = True) -> str:
     """Hard-link ``source`` as ``target``, or copy where that cannot be; returns ``linked`` or ``copied``.
 
     A target that already is that file, or has its content, is left as it is.
-    Raises ``FileNotFoundError`` when the source is gone, ``OutputError`` when
-    the target cannot be written.
+    Raises ``FileNotFoundError`` when the source is gone, ``FrameError``
+    ``unreadable-file`` when it cannot be read, ``OutputError`` when the target
+    cannot be written.
     """
     origin = os.path.realpath(source)
     if not os.path.isfile(origin):
@@ -107,7 +107,7 @@ def put_link(source: PathLike, target: Path, *, link: bool = True) -> str:
         if os.path.lexists(target) and not target.is_symlink():
             if target.samefile(origin) and link:
                 return "linked"
-            if not target.samefile(origin) and filecmp.cmp(origin, target, shallow=False):
+            if not target.samefile(origin) and _equal(origin, target):
                 return "copied"
         _clear(part)
         try:
@@ -131,6 +131,29 @@ def _link_or_copy(origin: str, part: Path, link: bool) -> str:
         except OSError as error:
             if error.errno not in _NO_LINK:
                 raise
-    with open(origin, "rb") as source, open(part, "xb") as stream:
-        shutil.copyfileobj(source, stream, 1 << 20)
+    with open(part, "xb") as stream:
+        for block in _blocks(origin):
+            stream.write(block)
     return "copied"
+
+
+def _blocks(origin: str) -> Iterator[bytes]:
+    """The source in pieces. What goes wrong on its side is its own fault, not that of the output."""
+    try:
+        with open(origin, "rb") as source:
+            while True:
+                block = source.read(_BLOCK_BYTES)
+                if not block:
+                    return
+                yield block
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise FrameError("unreadable-file", f"The file cannot be read: {error.strerror or error}.") from None
+
+
+def _equal(origin: str, target: Path) -> bool:
+    if os.path.getsize(origin) != target.stat().st_size:
+        return False
+    with open(target, "rb") as other:
+        return all(block == other.read(_BLOCK_BYTES) for block in _blocks(origin))

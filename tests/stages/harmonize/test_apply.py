@@ -368,6 +368,29 @@ def test_full_disk_is_named_and_leaves_nothing_half_written(tmp_path, monkeypatc
     assert target.read_bytes() == b"old" and [p.name for p in target.parent.iterdir()] == ["a.jpg"]
 
 
+def test_a_source_that_cannot_be_read_is_the_verdict_of_its_frame(tmp_path, monkeypatch):
+    """A bad sector of the card under a copy is no fault of the output folder: the others go on."""
+    frames = survey(tmp_path / "in", 3)
+
+    def refuse(*_args, **_options):
+        raise OSError(errno.EXDEV, "cross-device")
+
+    original = builtins.open
+
+    def opener(path, *args, **options):
+        if str(path).endswith("in/IMG_001.JPG"):
+            raise OSError(errno.EIO, "Input/output error")
+        return original(path, *args, **options)
+
+    monkeypatch.setattr(put.os, "link", refuse)
+    with monkeypatch.context() as patch:
+        patch.setattr(builtins, "open", opener)
+        done, broken = run(HarmonizePlan((action(frames),)), frames, tmp_path / "in", tmp_path / "out")
+    assert [(b.path, b.code) for b in broken] == [("IMG_001.JPG", "unreadable-file")]
+    assert [d.how for d in done] == ["copied"] * 2
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["IMG_000.JPG", "IMG_002.JPG"]
+
+
 def test_unwritable_folder_is_named(tmp_path):
     frames = survey(tmp_path / "in", 2)
     (tmp_path / "out").write_bytes(b"a file stands where the folder should be")
