@@ -25,6 +25,9 @@ _DOMAINS = re.compile(
     r"|(float|integer): [-+.\d]+ <= x <= [-+.\d]+|(float|integer) (>=|>|<|<=) [-+.\d]+)$"
 )
 
+# Above this a JSON number is no whole number for the node any more.
+_EXACT = 2**53
+
 ADAPTER, PLAIN, CLUSTER = "adapter", "plain", "cluster"
 
 
@@ -153,6 +156,10 @@ def _domain_problem(option: Mapping[str, Any], described: Mapping[str, Any]) -> 
         fine = {">=": number >= limit, ">": number > limit, "<=": number <= limit, "<": number < limit}
         if not fine[bounds.group(1)]:
             return f"{option['name']} must be {bounds.group(1)} {bounds.group(2)}, not {option['value']!r}."
+    if described.get("type") == "int" and number is not None and abs(number) > _EXACT:
+        return f"{option['name']} {option['value']!r} is too large for the node to keep exactly."
+    if domain == "json" and option.get("value") == "":
+        return f"{option['name']} must be JSON text; leave it out instead of giving nothing."
     if domain == "percent" and number is not None and not 0 <= number <= 100:
         return f"{option['name']} must lie between 0 and 100, not {option['value']!r}."
     return None
