@@ -1,4 +1,4 @@
-"""JSON that ODM and OpenSfM left behind, read with bounds: small files whole, ``reconstruction.json`` piece by piece."""
+"""JSON that ODM and OpenSfM left behind, with bounds: small files whole, ``reconstruction.json`` piece by piece."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Unreadable(Exception):
 
 
 def read_json(path: Path, limits: Thresholds) -> Any:
-    """Read one JSON file of at most ``outcome_json_bytes``. Raises ``Unreadable``; ``FileNotFoundError`` where absent."""
+    """Read a JSON file of at most ``outcome_json_bytes``. ``Unreadable``, or ``FileNotFoundError`` where absent."""
     try:
         with open(path, "rb") as stream:
             data = stream.read(limits.outcome_json_bytes + 1)

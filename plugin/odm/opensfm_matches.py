@@ -19,12 +19,16 @@ from .opensfm_json import Unreadable
 SUFFIX = "_matches.pkl.gz"
 
 _VALUES = frozenset(
-    "BINUNICODE SHORT_BINUNICODE BINUNICODE8 BININT BININT1 BININT2 LONG1 BINBYTES SHORT_BINBYTES BINBYTES8".split()
+    (
+        *("BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8"),
+        *("BININT", "BININT1", "BININT2", "LONG1"),
+        *("BINBYTES", "SHORT_BINBYTES", "BINBYTES8"),
+    )
 )
 _SMALL = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
 _TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
-_PUTS = frozenset("BINPUT LONG_BINPUT PUT".split())
-_GETS = frozenset("BINGET LONG_BINGET GET".split())
+_PUTS = frozenset(["BINPUT", "LONG_BINPUT", "PUT"])
+_GETS = frozenset(["BINGET", "LONG_BINGET", "GET"])
 _RECONSTRUCT = ("numpy.core.multiarray _reconstruct", "numpy._core.multiarray _reconstruct")
 _FROM_BUFFER = ("numpy.core.numeric _frombuffer", "numpy._core.numeric _frombuffer")
 _NDARRAY, _DTYPE, _ENCODE = "numpy ndarray", "numpy dtype", "_codecs encode"
@@ -101,9 +105,9 @@ def _run(data: bytes) -> Any:
         elif code == "MEMOIZE":
             memo[len(memo)] = stack[-1]
         elif code in _PUTS:
-            memo[int(argument)] = stack[-1]
+            memo[_index(argument)] = stack[-1]
         elif code in _GETS:
-            stack.append(memo[int(argument)])
+            stack.append(memo[_index(argument)])
         elif code == "GLOBAL":
             stack.append(_name(str(argument)))
         elif code == "STACK_GLOBAL":
@@ -124,6 +128,10 @@ def _run(data: bytes) -> Any:
         else:
             raise Unreadable(f"the operation {code} has no place in a list of matches")
     raise Unreadable("it ends early")
+
+
+def _index(argument: Any) -> int:
+    return int(argument)
 
 
 def _since_mark(stack: List[Any]) -> List[Any]:
@@ -188,7 +196,7 @@ def _counted(shape: Any, dtype: Any, data: Any) -> int:
 
 
 def pairs_of(counts: Mapping[str, Mapping[str, int]]) -> Dict[Tuple[str, str], int]:
-    """Return (frame, frame) in order -> matches over the counts of all files; a pair that two files hold counts most."""
+    """Return (frame, frame) in order -> matches; of a pair that two files hold, the larger count."""
     found: Dict[Tuple[str, str], int] = {}
     for first in sorted(counts):
         for second, inliers in sorted(counts[first].items()):

@@ -124,9 +124,7 @@ def read_raw(path: Path, limits: Thresholds) -> RawModel:
 
 
 def _shot(value: Mapping[str, Any]) -> Shot:
-    return Shot(
-        str(value["camera"]), tuple(numbers(value["rotation"], 3)), tuple(numbers(value["translation"], 3))
-    )
+    return Shot(str(value["camera"]), tuple(numbers(value["rotation"], 3)), tuple(numbers(value["translation"], 3)))
 
 
 def grown_components(path: Path, limits: Thresholds) -> Optional[Dict[str, int]]:
@@ -172,7 +170,8 @@ class _Geometry:
     @property
     def center(self) -> Array:
         """Camera centres (N, 3)."""
-        return -np.einsum("nji,nj->ni", self.rotation, self.translation)
+        result: Array = -np.einsum("nji,nj->ni", self.rotation, self.translation)
+        return result
 
     def error_px(self, frame: Ints, xy: Array, points: Array) -> Array:
         """Distance in pixels between observed and projected places; NaN where the camera has no formula."""
