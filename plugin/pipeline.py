@@ -18,6 +18,7 @@ from ..stages.record import dumps, to_plain, write_text
 from .harmonizing import harmonize
 from .inspection import DEFAULT_SETTINGS, Inspection, Settings, inspect
 from .placing import Placed, place, without_alignment
+from .remembering import Memory, learned
 from .report import build as reporting
 from .workfolder import WorkFolder, disk_errors, open_folder
 
@@ -94,8 +95,9 @@ def run(
                 raise BlockedError(blocked_message(inspection))
             folder.begin(reporting.digest_of(inspection.survey, settings.identity()), resume)
             started = True
-            report = _produce(inspection, folder, progress, cancel)
+            report, memory = _produce(inspection, folder, progress, cancel)
             folder.publish()
+            memory.write()
     except BaseException:
         if not started:
             folder.abandon()
@@ -137,7 +139,8 @@ def blocked_message(inspection: Inspection) -> str:
 
 def _produce(
     inspection: Inspection, folder: WorkFolder, progress: Optional[Progress], cancel: Optional[Cancel]
-) -> Dict[str, Any]:
+) -> Tuple[Dict[str, Any], Memory]:
+    """Everything between the inspection and the finished result in the scratch."""
     ready = harmonize(inspection, folder, progress, cancel)
     inspection = ready.inspection
     placed: List[Placed] = []
@@ -148,11 +151,19 @@ def _produce(
     written = place(placed, inspection, ready, folder.folder("result"))
     frames = tuple(replace(f, excluded=ready.dropped.get(f.path, f.excluded)) for f in inspection.survey.frames)
     inspection = replace(inspection, survey=replace(inspection.survey, frames=frames))
-    findings = tuple(sorted([*inspection.findings, *ready.findings, *written.findings], key=sort_key))
+    memory = learned(
+        inspection.settings.calibrations,
+        [p.proven.alignment for p in placed if p.proven.alignment is not None],
+        inspection.survey.profiles,
+        reporting.digest_of(inspection.survey, {}),
+        inspection.settings.thresholds,
+    )
+    said = [*inspection.findings, *ready.findings, *written.findings, *memory.findings]
+    findings = tuple(sorted(said, key=sort_key))
     report = _report(inspection, findings, written.record)
     _conserve(report)
     _write_reports(report, inspection, folder, ready.copies)
-    return report
+    return report, memory
 
 
 def _prove(

@@ -170,7 +170,8 @@ def choose(
         hold, why_hold = True, "held"
         if free and _costs_gps(outcomes[chosen], free[0], limits):
             hold, why_hold = False, "not held: it costs GPS fit against the solved camera"
-    return chosen, _decision(outcomes[chosen], camera, hold, f"{why_bend}; {why_focal}; {why_hold}"), veto
+    decision = _decision(outcomes[chosen], camera, hold, f"{why_bend}; {why_focal}; {why_hold}")
+    return chosen, replace(decision, supported=strong and outcomes[chosen].trial.focal is None), veto
 
 
 def _certain(outcomes: Sequence[Outcome], open_: Sequence[int], limits: Thresholds) -> bool:

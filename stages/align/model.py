@@ -199,7 +199,8 @@ class LockDecision:
     """What a profile's camera should be in the project: held at these numbers, or only started from them.
 
     Ratios and distortion as in ``SolvedCamera``. ``source`` names where focal
-    and distortion come from, ``reason`` says why in words.
+    and distortion come from, ``reason`` says why in words. ``supported`` is
+    set where the focal was solved and the block's geometry fixes it.
     """
 
     profile: str
@@ -209,6 +210,7 @@ class LockDecision:
     distortion: Tuple[float, ...]
     source: str
     reason: str
+    supported: bool = False
 
 
 @dataclass(frozen=True)
