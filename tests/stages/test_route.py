@@ -6,12 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sensorgate.stages import route
+from sensorgate.stages import ladder
+from sensorgate.stages.align.blocks import blocks
 from sensorgate.stages.align.model import AlignmentReport, Bowing, GpsFit, PayloadAlignment
 from sensorgate.stages.align.worker import SolverFailed
 from sensorgate.stages.errors import UsageError
 from sensorgate.stages.record import from_plain, to_plain
-from sensorgate.stages.route import PipelineRouter, Proof, blocks, prove
+from sensorgate.stages.route import PipelineRouter, Proof, prove
 from sensorgate.stages.thresholds import DEFAULTS
 
 from tests.stages.align.scenes import frames, grid, request
@@ -61,8 +62,8 @@ class Solver:
 def solver(monkeypatch):
     def use(rule):
         made = Solver(rule)
-        monkeypatch.setattr(route, "align_once", made)
-        monkeypatch.setattr(route, "tie_by_control", lambda *_: SimpleNamespace(holds=False, text="no control points"))
+        monkeypatch.setattr(ladder, "align_once", made)
+        monkeypatch.setattr(ladder, "tie_by_control", lambda *_: SimpleNamespace(holds=False, text="no control points"))
         return made
 
     return use
@@ -125,8 +126,8 @@ def test_pairwise_may_be_enough(solver, tmp_path):
 
 def test_ground_control_ties_what_matches_cannot(solver, tmp_path, monkeypatch):
     solver(lambda rung, names: {"b": "fail"} if len(names) > 1 else {})
-    monkeypatch.setattr(route, "tie_by_control", lambda *_: SimpleNamespace(holds=True, text="tied by 5 points"))
-    monkeypatch.setattr(route, "joined_by_control", _passed)
+    monkeypatch.setattr(ladder, "tie_by_control", lambda *_: SimpleNamespace(holds=True, text="tied by 5 points"))
+    monkeypatch.setattr(ladder, "joined_by_control", _passed)
     found = prove(_block(), tmp_path).groups
     assert "b" in found[0].payloads and found[0].route == "pairwise"
     assert any("tied by 5 points" in r for r in found[0].reasons)
@@ -150,11 +151,11 @@ def test_one_bad_payload_that_spoils_everybody_leaves_first(solver, tmp_path):
     def worst_is_c(report):
         return "c"
 
-    route_worst, route._worst = route._worst, worst_is_c
+    route_worst, ladder._worst = ladder._worst, worst_is_c
     try:
         proof = prove(_block(), tmp_path)
     finally:
-        route._worst = route_worst
+        ladder._worst = route_worst
     assert _routes(proof) == {("a", "b"): "proceed", ("c",): "isolate"}
     assert made.calls
 

@@ -1,0 +1,263 @@
+"""The rungs: quick, mixed-block settings, pairwise with ground control, each payload alone.
+
+quick → mixed-block settings with pairs found by likeness → each refused
+payload pairwise onto the proven ones, tied by ground control where there is
+any → its own group. Every payload ends in exactly one group; what nothing can
+prove is a group of its own, never dropped.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Dict, List, Optional, Sequence, Set, Tuple
+
+from .align.blocks import likeness, subset
+from .align.control import checked
+from .align.judge import FAIL, PASS, UNPROVEN
+from .align.model import AlignmentReport, AlignRequest, PayloadAlignment
+from .align.run import Aligned, align_once
+from .align.solution import Retrieval
+from .align.tie import ControlTie, joined_by_control, tie_by_control
+from .align.worker import SolverFailed
+from .progress import Cancel, Progress, check
+from .proven import ISOLATE, PAIRWISE, PROCEED, ProvenGroup, group_of
+from .thresholds import Thresholds
+
+
+class Ladder:
+    """One climb's settings and its record of attempts."""
+
+    def __init__(
+        self,
+        workspace: Path,
+        limits: Thresholds,
+        engine: str,
+        max_dim: Optional[int],
+        progress: Optional[Progress],
+        cancel: Optional[Cancel],
+    ) -> None:
+        self.workspace = workspace
+        self.limits = limits
+        self.engine = engine
+        self.max_dim = max_dim
+        self.progress = progress
+        self.cancel = cancel
+        self.attempts: List[AlignmentReport] = []
+
+    def run(
+        self,
+        request: AlignRequest,
+        rung: str,
+        extra: Sequence[Retrieval] = (),
+        start: Optional[Aligned] = None,
+    ) -> Aligned:
+        check(self.cancel)
+        side = self.max_dim
+        done = align_once(
+            request,
+            self.workspace,
+            thresholds=self.limits,
+            engine=self.engine,
+            rung=rung,
+            max_dim=side,
+            progress=self.progress,
+            cancel=self.cancel,
+            extra=extra,
+            start=start,
+        )
+        self.attempts.append(done.report)
+        return done
+
+    def climb(self, request: AlignRequest, route: str) -> List[ProvenGroup]:
+        """Prove a block; ``route`` is what its accepted groups are called."""
+        try:
+            return self._climb(request, route)
+        except SolverFailed as error:
+            payloads = {f.payload for f in request.frames}
+            if len(payloads) == 1:
+                return [group_of(request, UNPROVEN, (str(error),), None)]
+            said = f"the solver ended on the payloads together ({error})"
+            found: List[ProvenGroup] = []
+            for payload in sorted(payloads):
+                for group in self.climb(subset(request, {payload}), ISOLATE):
+                    found.append(replace(group, reasons=(said, *group.reasons)))
+            return found
+
+    def _climb(self, request: AlignRequest, route: str) -> List[ProvenGroup]:
+        quick = self.run(request, "quick" if route != ISOLATE else "alone")
+        verdicts = _verdicts(quick.report)
+        if not verdicts[FAIL]:
+            return self._accept(quick, route)
+        several = len(quick.report.payloads) > 1
+        extra = [likeness(request, p, self.limits) for p in sorted(verdicts[FAIL])] if several else []
+        mixed = self.run(request, "mixed", extra)
+        if not _verdicts(mixed.report)[FAIL]:
+            return self._accept(mixed, route, "accepted with the settings for mixed blocks")
+        best = min((quick, mixed), key=lambda a: (len(_verdicts(a.report)[FAIL]), a is mixed))
+        kept, guilty = self._separate(best)
+        if kept is None:
+            return self._each_alone(request, best)
+        return self._rejoin(request, kept, guilty, mixed, route)
+
+    def _accept(self, done: Aligned, route: str, note: str = "") -> List[ProvenGroup]:
+        """Turn an alignment without a failed payload into groups; the unproven leave the proven."""
+        verdicts = _verdicts(done.report)
+        notes = (note,) if note else ()
+        if not verdicts[UNPROVEN]:
+            return [group_of(done.request, route, (*notes, *_reasons(done.report)), done.report)]
+        if not verdicts[PASS]:
+            names = {p.payload for p in done.report.payloads}
+            if len(names) == 1 or all(
+                p.strong_cross_pairs >= self.limits.min_strong_pairs for p in done.report.payloads
+            ):
+                return [group_of(done.request, UNPROVEN, (*notes, *_reasons(done.report)), done.report)]
+            return self._each_alone(done.request, done)
+        found = self.climb(subset(done.request, set(verdicts[PASS])), route)
+        for payload in sorted(verdicts[UNPROVEN]):
+            found.extend(self.climb(subset(done.request, {payload}), ISOLATE))
+        return found
+
+    def _separate(self, done: Aligned) -> Tuple[Optional[Aligned], List[str]]:
+        """Take refused payloads away until the rest stands; return the rest's alignment and who left.
+
+        Where somebody passed, all that failed leave at once; where nobody did,
+        the worst leaves alone, because one bad payload can spoil all others.
+        """
+        left: Set[str] = {p.payload for p in done.report.payloads}
+        guilty: List[str] = []
+        current = done
+        while len(left) > 1:
+            verdicts = _verdicts(current.report)
+            if not verdicts[FAIL]:
+                break
+            leave = sorted(verdicts[FAIL]) if verdicts[PASS] else [_worst(current.report)]
+            guilty.extend(leave)
+            left -= set(leave)
+            if not left:
+                return None, guilty
+            current = self.run(subset(done.request, left), "quick" if done.report.rung == "quick" else "mixed")
+        verdicts = _verdicts(current.report)
+        return (current, guilty) if not verdicts[FAIL] and verdicts[PASS] else (None, guilty)
+
+    def _each_alone(self, request: AlignRequest, tried: Aligned) -> List[ProvenGroup]:
+        """Nothing stands together: every payload by itself."""
+        payloads = sorted({f.payload for f in request.frames})
+        if len(payloads) == 1:
+            report = tried.report
+            return [group_of(request, UNPROVEN, _reasons(report), report)]
+        why = {p.payload: p.reasons for p in tried.report.payloads}
+        found: List[ProvenGroup] = []
+        for payload in payloads:
+            for group in self.climb(subset(request, {payload}), ISOLATE):
+                said = tuple(f"together: {r}" for r in why.get(payload, ())[:1])
+                found.append(replace(group, reasons=(*said, *group.reasons)))
+        return found
+
+    def _rejoin(
+        self, request: AlignRequest, kept: Aligned, guilty: Sequence[str], tried: Aligned, route: str
+    ) -> List[ProvenGroup]:
+        """Try each refused payload pairwise on what stands, then let the rest go by themselves."""
+        why = {p.payload: p.reasons[:1] for p in tried.report.payloads}
+        strength = {p.payload: p.strong_cross_pairs for p in tried.report.payloads}
+        stands, joined, refused = kept, [], {}
+        for payload in sorted(guilty, key=lambda p: (-strength[p], p)):
+            result, notes = self._pairwise(request, stands, payload, tried)
+            if result is None:
+                refused[payload] = notes
+            else:
+                stands = result
+                joined.append(f"{payload}: {notes[0]}")
+        name = PAIRWISE if joined else route
+        found = self._accept(stands, name, "; ".join(joined))
+        if refused:
+            for group in self.climb(subset(request, set(refused)), ISOLATE):
+                said = [r for p in group.payloads for r in (*why.get(p, ()), *refused.get(p, ()))]
+                label = ISOLATE if group.route in (PROCEED, PAIRWISE) else group.route
+                found.append(replace(group, route=label, reasons=(*said, *group.reasons)))
+        return found
+
+    def _pairwise(
+        self, request: AlignRequest, base: Aligned, payload: str, tried: Aligned
+    ) -> Tuple[Optional[Aligned], Tuple[str, ...]]:
+        """Register one payload onto a standing model; ``None`` with what is missing where that is refused.
+
+        ``tried`` has looked for pairs with the same features and by likeness:
+        where it verified none, there is nothing to register by, and only
+        ground control can tie.
+        """
+        linked = next((p.cross_pairs for p in tried.report.payloads if p.payload == payload), 0)
+        if not linked:
+            early = tie_by_control(tried, payload, self.limits)
+            if not early.holds:
+                return None, ("no verified pair with any other payload, so pairwise has nothing to hold on", early.text)
+        names = {f.payload for f in base.request.frames} | {payload}
+        both = subset(request, names)
+        wish = likeness(both, payload, self.limits)
+        solid = self.run(base.request, "pairwise")
+        whole = solid.solution.models == 1 and not _verdicts(solid.report)[FAIL]
+        result = self.run(both, "pairwise", (wish,), solid if whole else None)
+        if _stands(result.report, payload):
+            return result, ("joined pairwise onto the proven payloads",)
+        tie: ControlTie = tie_by_control(result, payload, self.limits)
+        if tie.holds:
+            joined = joined_by_control(result, payload, self.limits)
+            if not _verdicts(joined.report)[FAIL]:
+                return joined, (tie.text,)
+            return None, ("refused pairwise", f"{tie.text}, but {_said(joined.report, payload)}")
+        return None, ("refused pairwise", tie.text)
+
+
+def one_by_one(ladder: Ladder, request: AlignRequest) -> Aligned:
+    """Align the largest payload, then register each further one onto the model, nearest in size first."""
+    count: Dict[str, int] = {}
+    for frame in request.frames:
+        count[frame.payload] = count.get(frame.payload, 0) + 1
+    order = sorted(count, key=lambda p: (-count[p], p))
+    current = ladder.run(subset(request, {order[0]}), "pairwise")
+    for place, payload in enumerate(order[1:], start=2):
+        both = subset(request, set(order[:place]))
+        whole = current.solution.models == 1
+        wish = likeness(both, payload, ladder.limits)
+        current = ladder.run(both, "pairwise", (wish,), current if whole else None)
+    return current
+
+
+def _verdicts(report: AlignmentReport) -> Dict[str, List[str]]:
+    found: Dict[str, List[str]] = {PASS: [], FAIL: [], UNPROVEN: []}
+    for payload in report.payloads:
+        found[payload.verdict].append(payload.payload)
+    return found
+
+
+def _stands(report: AlignmentReport, payload: str) -> bool:
+    """The payload passes and takes nobody down with it."""
+    verdicts = _verdicts(report)
+    return payload in verdicts[PASS] and not verdicts[FAIL]
+
+
+def _said(report: AlignmentReport, payload: str) -> str:
+    """The first reason of a payload, or of the first failed one."""
+    failed = sorted((p for p in report.payloads if p.verdict == FAIL), key=lambda p: (p.payload != payload, p.payload))
+    return "; ".join(r for p in failed[:1] for r in p.reasons[:1]) or "another payload fails with it"
+
+
+def _worst(report: AlignmentReport) -> str:
+    """The failed payload to take away first: worst fit alone, then fewest frames, then name."""
+
+    def rank(p: PayloadAlignment) -> Tuple[float, int, str]:
+        fit = p.alone
+        off = math.inf
+        if fit.horizontal_m is not None and fit.sigma_horizontal_m:
+            off = round(fit.horizontal_m / fit.sigma_horizontal_m, 3)
+        return (-off, p.frames, p.payload)
+
+    return min((p for p in report.payloads if p.verdict == FAIL), key=rank).payload
+
+
+def _reasons(report: AlignmentReport) -> Tuple[str, ...]:
+    said = () if report.control is None else checked(report.control)
+    if len(report.payloads) == 1:
+        return (*report.payloads[0].reasons, *said)
+    return (*(f"{p.payload}: {reason}" for p in report.payloads for reason in p.reasons), *said)
