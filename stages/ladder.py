@@ -53,6 +53,7 @@ class Ladder:
         extra: Sequence[Retrieval] = (),
         start: Optional[Aligned] = None,
     ) -> Aligned:
+        """One alignment on a rung, kept among the attempts."""
         check(self.cancel)
         side = self.max_dim
         done = align_once(

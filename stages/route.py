@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import List, Optional, Union
 
 from .align.blocks import blocks
+from .align.judge import UNPROVEN
 from .align.model import AlignRequest
 from .align.prepare import sorted_request
 from .ladder import Ladder
@@ -22,6 +23,7 @@ __all__ = [
     "PROCEED",
     "PROCEED_STRATEGY",
     "ROUTES",
+    "UNPROVEN",
     "PipelineRouter",
     "Proof",
     "ProvenGroup",

@@ -12,7 +12,7 @@ from sensorgate.stages.align.model import AlignmentReport, Bowing, GpsFit, Paylo
 from sensorgate.stages.align.worker import SolverFailed
 from sensorgate.stages.errors import UsageError
 from sensorgate.stages.record import from_plain, to_plain
-from sensorgate.stages.route import PipelineRouter, Proof, prove
+from sensorgate.stages.route import PipelineRouter, Proof, ProvenGroup, apart, prove
 from sensorgate.stages.thresholds import DEFAULTS
 
 from tests.stages.align.scenes import frames, grid, request
@@ -255,3 +255,21 @@ def test_the_fallback_goes_payload_by_payload(solver, tmp_path):
 def test_an_unknown_strategy_is_a_usage_error():
     with pytest.raises(UsageError, match="fallback_pairwise"):
         PipelineRouter().execute_fallback("magic", _block())
+
+
+def test_a_block_elsewhere_is_isolated_and_says_so():
+    def group(name, count, label="proceed"):
+        return ProvenGroup(name, (name,), tuple(f"{name}/{i}" for i in range(count)), label, ("fits",))
+
+    given = [
+        ("rgb", 0, group("a", 4)),
+        ("rgb", 1, group("b", 3)),
+        ("rgb", 1, group("c", 2)),
+        ("thermal", 1, group("t", 2)),
+    ]
+    assert [g.name for g in apart(given)] == ["a", "b", "c", "t"]
+    assert [g.route for g in apart(given)] == ["isolate", "proceed", "proceed", "proceed"]
+    # What is unproven keeps its route, and its frames count for the place that it stands over.
+    found = apart([*given, ("rgb", 0, group("d", 2, "unproven"))])
+    assert [g.route for g in found] == ["proceed", "isolate", "isolate", "proceed", "unproven"]
+    assert found[1].reasons[0].startswith("It stands over another place") and found[1].frames == given[1][2].frames
