@@ -46,7 +46,7 @@ def main() -> int:
             print(f"{case}: {'; '.join(wrong)}")
     took = time.monotonic() - began
     print(
-        f"{len(cases)} submissions, {requests} requests, {sum(kinds.values())} faults in {took:.0f} s: {bad} ended wrong"
+        f"{len(cases)} submissions, {requests} requests, {sum(kinds.values())} faults, {took:.0f} s: {bad} wrong"
     )
     for kind, count in sorted(kinds.items()):
         print(f"  {count:5d} {kind}")

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any, Callable, Optional, Sequence, Tuple
 
 from ...stages.errors import SensorgateError
-from ...stages.route import ISOLATE, PAIRWISE, PROCEED, UNPROVEN
+from ...stages.route import ISOLATE, PAIRWISE, PROCEED
 from .client import CANCELED, COMPLETED, TaskView
+from .parcel import UNPROVEN
 
 LOG = logging.getLogger("sensorgate.submit")
 

@@ -1,0 +1,485 @@
+"""Whole submissions against the server double: what is sent, what is taken, what becomes of it."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from sensorgate.plugin.odm.wire import ALIGN_INPUT, CALIBRATION_INPUT, OVERRIDES
+from sensorgate.plugin.submit import Settings, lines, record, submit
+from sensorgate.plugin.submit.errors import NodeUnusable
+from sensorgate.plugin.submit.ledger import Ledger
+from sensorgate.plugin.submit.lock import only_one
+from sensorgate.stages.errors import Cancelled, UsageError
+
+from .making import CALIBRATION, CAMERA, LOCK, files_of, project, quick, report
+from .node_double import POLICY, TORN, Behaviour, NodeDouble, Task, products
+
+
+def go(root: Path, node: NodeDouble, **settings):
+    more = {k: settings.pop(k) for k in ("read_outcome", "cancel", "ask_cancel", "tell") if k in settings}
+    limits = quick(**settings.pop("limits", {}))
+    return submit(root, node.url, Settings(thresholds=limits, **settings), **more)
+
+
+def only(node: NodeDouble) -> Task:
+    (task,) = node.tasks.values()
+    return task
+
+
+def test_a_project_arrives_whole_and_comes_home(tmp_path):
+    folder = project(tmp_path, "rgb", options=[{"name": "dsm", "value": True}], gcp="x\n", geo="y\n")
+    with NodeDouble() as node:
+        result = go(tmp_path, node)
+    assert result.exit_code == 0 and [e.state for e in result.entries] == ["done"]
+    task = only(node)
+    assert task.images == files_of(folder) and set(task.gcp) == {"gcp_list.txt", "geo.txt"}
+    assert {"name": "dsm", "value": True} in task.options
+    assert (folder / "odm_orthophoto/odm_orthophoto.tif").read_bytes() == b"orthophoto"
+    assert not list(tmp_path.rglob(".part-*")) and not (tmp_path / "submit-uploads").exists()
+
+
+def test_a_second_call_sends_nothing(tmp_path):
+    project(tmp_path, "rgb")
+    with NodeDouble() as node:
+        go(tmp_path, node)
+        asked = len(node.requests)
+        assert go(tmp_path, node).exit_code == 0
+        assert {p for _, p in node.requests[asked:]} == {"/info", "/options"}
+
+
+def test_a_lost_ledger_does_not_send_twice(tmp_path):
+    project(tmp_path, "rgb")
+    with NodeDouble() as node:
+        go(tmp_path, node)
+        sent = sum(node.received.values())
+        (tmp_path / "submit.json").unlink()
+        result = go(tmp_path, node)
+        assert sum(node.received.values()) == sent and len(node.tasks) == 1
+        assert "Found on the node" in "\n".join(lines(result))
+
+
+def test_unproven_projects_stay_unless_asked_for(tmp_path):
+    project(tmp_path, "rgb")
+    project(tmp_path, "thermal")
+    report(tmp_path, [{"name": "rgb", "route": "proceed"}, {"name": "thermal", "route": "unproven"}])
+    with NodeDouble() as node:
+        result = go(tmp_path, node)
+        assert result.exit_code == 1 and result.left_out == ("thermal",) and only(node).name == "rgb"
+        assert go(tmp_path, node, include_unproven=True).exit_code == 0
+        assert len(node.tasks) == 2
+
+
+def test_bad_options_are_refused_before_anything_is_sent(tmp_path):
+    project(tmp_path, "bad", options=[{"name": "force-gcp", "value": True}])
+    project(tmp_path, "good")
+    with NodeDouble() as node:
+        result = go(tmp_path, node)
+        assert [(e.name, e.state) for e in result.entries] == [("bad", "refused"), ("good", "done")]
+        assert result.exit_code == 1 and only(node).name == "good" and not node.uploads
+        assert "no option named force-gcp" in "\n".join(lines(result))
+
+
+def test_too_many_images_for_the_node(tmp_path):
+    project(tmp_path, "rgb")
+    with NodeDouble(Behaviour(max_images=2)) as node:
+        result = go(tmp_path, node)
+        assert result.entries[0].state == "refused" and not node.tasks and not node.uploads
+
+
+def test_an_option_dropped_in_silence_cancels_the_task(tmp_path):
+    # Behind a cluster the list is the first node's; the one that takes the task may know less.
+    project(tmp_path, "rgb", options=[{"name": "dsm", "value": True}])
+    with NodeDouble(Behaviour(drops=("dsm",))) as node:
+        result = go(tmp_path, node)
+        assert result.entries[0].state == "refused" and only(node).status == 50
+        assert "dropped dsm" in "\n".join(lines(result))
+
+
+def test_an_option_bent_by_the_node_cancels_the_task(tmp_path):
+    project(tmp_path, "rgb", options=[{"name": "min-num-features", "value": 8000}])
+    with NodeDouble(Behaviour(bends={"min-num-features": 800})) as node:
+        assert "made 800 of" in "\n".join(lines(go(tmp_path, node))) and only(node).status == 50
+
+
+def test_what_nodes_add_for_viewers_is_no_difference(tmp_path):
+    project(tmp_path, "rgb")
+    with NodeDouble(Behaviour(adds=(("max-concurrency", 4),))) as node:
+        assert go(tmp_path, node).exit_code == 0
+
+
+def test_a_lost_image_cancels_the_task_and_it_is_sent_again(tmp_path):
+    folder = project(tmp_path, "rgb")
+
+    class Forgetful(NodeDouble):
+        def sort(self, task):
+            if len(self.tasks) == 1:
+                task.images.pop("B.JPG", None)
+            super().sort(task)
+
+    with Forgetful() as node:
+        result = go(tmp_path, node)
+        first, second = result.entries[0].attempts
+        assert (first.state, second.state) == ("canceled", "fetched") and "node has 2" in first.message
+        assert node.tasks[first.uuid].status == 50 and node.tasks[second.uuid].images == files_of(folder)
+
+
+def test_same_names_lose_images_on_a_node_and_are_refused_here(tmp_path):
+    with NodeDouble() as node:
+        node.init("11111111-1111-4111-8111-111111111111", {})
+        for data in (b"one", b"two"):
+            node.store("11111111-1111-4111-8111-111111111111", "X.JPG", data)
+        assert sorted(node.uploads.popitem()[1].files) == ["X.JPG", "X_.JPG"]
+    project(tmp_path, "rgb", ("X.JPG", "x.jpg"))
+    with NodeDouble() as node, pytest.raises(UsageError, match="case alone"):
+        go(tmp_path, node)
+
+
+def test_a_torn_upload_is_mended_under_its_own_name(tmp_path):
+    folder = project(tmp_path, "rgb")
+    torn = iter([True])
+    with NodeDouble(fault=lambda n, m, p: TORN if "/upload/" in p and next(torn, None) else None) as node:
+        result = go(tmp_path, node)
+        assert only(node).images == files_of(folder) and len(result.entries[0].attempts[0].repaired) == 1
+
+
+def test_a_missing_file_stops_at_once_and_does_not_hang(tmp_path):
+    # pyodm's create_task waits for ever here when nobody listens to its progress.
+    folder = project(tmp_path, "rgb", [f"I{i}.JPG" for i in range(30)])
+    (folder / "images/I7.JPG").chmod(0o644)
+
+    def vanish(number, method, path):
+        if path.endswith("/init") or "/upload/" not in path:
+            return None
+        (folder / "images/I29.JPG").unlink(missing_ok=True)
+        return None
+
+    began = time.monotonic()
+    with NodeDouble(fault=vanish) as node:
+        result = go(tmp_path, node, limits={"submit_upload_threads": 1})
+    assert result.exit_code == 1 and "cannot be read any more" in result.faults[0][1]
+    assert time.monotonic() - began < 5 and not node.tasks
+
+
+def test_wrong_token_and_no_node(tmp_path):
+    project(tmp_path, "rgb")
+    with NodeDouble(Behaviour(token="right")) as node:
+        with pytest.raises(NodeUnusable, match="token"):
+            go(tmp_path, node, token="wrong")
+        assert go(tmp_path, node, token="right").exit_code == 0
+        url = node.url
+        assert "right" not in (tmp_path / "submit.json").read_text()
+    with pytest.raises(NodeUnusable, match="cannot be reached"):
+        submit(tmp_path, url, Settings(thresholds=quick()))
+
+
+def test_a_full_disk_is_said_and_freed(tmp_path):
+    project(tmp_path, "rgb")
+    with NodeDouble(Behaviour(disk_bytes=700)) as node:
+        result = go(tmp_path, node)
+        assert result.entries[0].state == "failed" and "disk" in result.entries[0].reasons[0]
+        assert not node.tasks and not node.uploads
+        node.behaviour.disk_bytes = None
+        assert go(tmp_path, node, retry=True).exit_code == 0
+
+
+def test_a_node_that_lost_its_tasks_is_recognised(tmp_path):
+    folder = project(tmp_path, "rgb")
+    with NodeDouble(Behaviour(polls=5)) as node:
+        lost = iter([True])
+
+        def tell(name, phase, share):
+            if phase == "running" and next(lost, None):
+                node.kill()
+
+        result = go(tmp_path, node, tell=tell)
+        first, second = result.entries[0].attempts
+        assert (first.state, second.state) == ("lost", "fetched") and first.uuid != second.uuid
+        assert only(node).images == files_of(folder)
+
+
+def test_a_node_that_dies_of_numbers_gets_none_the_second_time(tmp_path):
+    project(tmp_path, "rgb", options=[{"name": "gps-accuracy", "value": 0.05}])
+    with NodeDouble(Behaviour(crash_on_numbers=True)) as node:
+        result = go(tmp_path, node)
+        assert result.exit_code == 0 and node.deaths == 1
+        assert "gps-accuracy is left out" in "\n".join(lines(result))
+
+
+def test_it_gives_up_where_the_node_always_dies(tmp_path):
+    project(tmp_path, "rgb")
+
+    class Deadly(NodeDouble):
+        def commit(self, uuid):
+            told = super().commit(uuid)
+            self.kill()
+            return told
+
+    with Deadly() as node:
+        result = go(tmp_path, node)
+        assert result.entries[0].state == "failed" and len(result.entries[0].attempts) == 3
+        assert "Tried 3 times" in "\n".join(lines(result))
+
+
+@pytest.mark.parametrize(
+    "behaviour, file, seed",
+    [
+        (Behaviour(), False, True),
+        (Behaviour(adapter=True), True, False),
+        (Behaviour(cluster=True), True, True),
+        (Behaviour(cluster=True, adapter=True), True, True),
+    ],
+)
+def test_the_calibration_travels_as_a_file(tmp_path, behaviour, file, seed):
+    folder = project(tmp_path, "rgb", calibration=CALIBRATION, options=[LOCK])
+    with NodeDouble(behaviour) as node:
+        assert go(tmp_path, node).exit_code == 0
+        task = only(node)
+        assert (CALIBRATION_INPUT in task.images, OVERRIDES in task.others) == (file, seed)
+        if file:
+            assert json.loads(task.images.pop(CALIBRATION_INPUT)) == CALIBRATION
+        if seed:
+            told = json.loads(task.others[OVERRIDES])[f"v2 {CAMERA}"]
+            assert told["focal_x"] == told["focal_x_prior"] == 0.664
+        assert task.images == files_of(folder)
+        assert not any(o["name"] == "cameras" for o in task.options)
+        assert {"name": LOCK["name"], "value": True} in task.options
+
+
+def test_a_cluster_that_refuses_seeds_gets_no_lock(tmp_path):
+    folder = project(tmp_path, "rgb", calibration=CALIBRATION, options=[LOCK])
+    with NodeDouble(Behaviour(cluster=True, splitmerge=False)) as node:
+        result = go(tmp_path, node)
+        assert result.exit_code == 0 and "nothing is locked" in "\n".join(lines(result))
+        images = {k: v for k, v in only(node).images.items() if k != CALIBRATION_INPUT}
+        assert images == files_of(folder) and LOCK not in only(node).options
+
+
+def test_a_cluster_with_one_node_without_adapter_is_recognised(tmp_path):
+    project(tmp_path, "rgb", calibration=CALIBRATION)
+    with NodeDouble(Behaviour(cluster=True, adapter=True, drops=(POLICY["name"],))) as node:
+        result = go(tmp_path, node)
+        assert result.exit_code == 0 and "has no sensorgate adapter" in "\n".join(lines(result))
+
+
+# --- what became of it ---------------------------------------------------------
+
+
+def two_payloads(root: Path, name: str = "rgb") -> Path:
+    folder = project(root, name, ("A1.JPG", "A2.JPG", "B1.JPG"), calibration=CALIBRATION)
+    payloads = {"A1.JPG": "a", "A2.JPG": "a", "B1.JPG": "b"}
+    report(root, [{"name": name, "route": "proceed", "payloads": ["a", "b"], "payload_of": payloads}])
+    return folder
+
+
+def ends(**by_name):
+    def end(task: Task):
+        return by_name.get(task.name.replace("-", "_"), (40, "", ["fine"]))
+
+    return end
+
+
+BANDS = (30, "Cannot process dataset", ["Exception: Cannot write x, not all band images have been matched"])
+
+
+def test_a_failed_task_goes_back_to_the_router(tmp_path):
+    two_payloads(tmp_path)
+    with NodeDouble(Behaviour(ends=ends(rgb=BANDS))) as node:
+        result = go(tmp_path, node)
+        assert {(e.name, e.state) for e in result.entries} == {
+            ("rgb", "rerouted"),
+            ("rgb-a", "done"),
+            ("rgb-b", "done"),
+        }
+        assert result.exit_code == 1
+        told = {t.name: sorted(t.images) for t in node.tasks.values()}
+        assert told == {"rgb": ["A1.JPG", "A2.JPG", "B1.JPG"], "rgb-a": ["A1.JPG", "A2.JPG"], "rgb-b": ["B1.JPG"]}
+        text = "\n".join(lines(result))
+        assert "bands of the captures" in text and "goes on as rgb-a, rgb-b" in text
+        assert record(result)["payloads"]["b"] == [{"project": "rgb-b", "state": "done", "route": "proceed"}]
+        sent = sum(node.received.values())
+        assert go(tmp_path, node).exit_code == 1 and sum(node.received.values()) == sent
+
+
+def test_a_poor_result_is_set_aside_and_tried_again(tmp_path):
+    folder = two_payloads(tmp_path)
+
+    def reader(path):
+        return SimpleNamespace(route="isolate" if path == folder else "proceed", reasons=("2 components",))
+
+    with NodeDouble() as node:
+        result = go(tmp_path, node, read_outcome=reader)
+    assert [e.state for e in result.entries] == ["rerouted", "done", "done"]
+    assert not (folder / "odm_orthophoto").exists() and (folder / "sensorgate/rejected-1/odm_orthophoto").is_dir()
+    assert (tmp_path / "projects/rgb-a/odm_orthophoto").is_dir()
+
+
+def test_rerouting_comes_to_an_end(tmp_path):
+    two_payloads(tmp_path)
+    bad = (30, "Cannot process dataset", [])
+    with NodeDouble(Behaviour(ends=lambda t: bad)) as node:
+        result = go(tmp_path, node)
+        names = [e.name for e in result.entries]
+        assert names == ["rgb", "rgb-again", "rgb-again-a", "rgb-again-b"]
+        assert [e.state for e in result.entries] == ["rerouted", "rerouted", "failed", "failed"]
+        assert any(o["name"] == "min-num-features" for t in node.tasks.values() for o in t.options)
+
+
+def test_no_reroutes_when_none_are_wanted(tmp_path):
+    two_payloads(tmp_path)
+    with NodeDouble(Behaviour(ends=ends(rgb=BANDS))) as node:
+        assert [e.state for e in go(tmp_path, node, reroutes=0).entries] == ["failed"]
+
+
+def test_the_console_is_kept_and_holds_no_token(tmp_path):
+    folder = project(tmp_path, "rgb")
+    end = (30, "Not enough memory", ["first", "sm-cluster http://h?token=s3cret"])
+    with NodeDouble(Behaviour(token="s3cret", ends=lambda t: end)) as node:
+        result = go(tmp_path, node, token="s3cret")
+    assert result.entries[0].state == "failed" and "memory" in result.entries[0].reasons[0]
+    kept = (folder / "sensorgate/task_output.txt").read_text()
+    assert "first" in kept and "s3cret" not in kept
+
+
+def test_an_archive_that_attacks_is_refused(tmp_path):
+    folder = project(tmp_path, "rgb")
+    before = files_of(folder)
+    with NodeDouble(Behaviour(archive=lambda t: products(**{"../../escaped.txt": b"x"}))) as node:
+        result = go(tmp_path, node)
+    assert result.entries[0].state == "failed" and "must not be unpacked" in result.entries[0].reasons[0]
+    assert files_of(folder) == before and not list(tmp_path.rglob("escaped.txt"))
+
+
+def test_assets_are_asked_for(tmp_path):
+    project(tmp_path, "rgb")
+    with NodeDouble() as node:
+        go(tmp_path, node, assets=("odm_orthophoto",))
+        assert only(node).outputs[0] == "odm_orthophoto" and "log.json" in only(node).outputs
+
+
+def test_no_assets(tmp_path):
+    folder = project(tmp_path, "rgb")
+    with NodeDouble() as node:
+        assert go(tmp_path, node, assets=("none",)).exit_code == 0
+    assert not (folder / "odm_orthophoto").exists()
+
+
+# --- anchor, many at once, interruptions ------------------------------------------
+
+
+def test_isolated_projects_are_laid_on_the_anchors_points(tmp_path):
+    for name in ("main", "other", "thermal"):
+        project(tmp_path, name)
+    routes = {"main": "proceed", "other": "isolate", "thermal": "proceed"}
+    report(tmp_path, [{"name": n, "route": r} for n, r in routes.items()])
+    with NodeDouble() as node:
+        assert go(tmp_path, node).exit_code == 0
+        got = {t.name: t.gcp.get(ALIGN_INPUT) for t in node.tasks.values()}
+        assert got == {"main": None, "other": b"points", "thermal": None}
+
+
+@pytest.mark.parametrize("which, laid", [("all", {"other", "thermal"}), ("none", set())])
+def test_who_is_laid_on_the_anchor_is_for_the_caller(tmp_path, which, laid):
+    for name in ("main", "other", "thermal"):
+        project(tmp_path, name)
+    report(tmp_path, [{"name": "main", "route": "proceed"}, {"name": "other", "route": "isolate"}])
+    with NodeDouble() as node:
+        go(tmp_path, node, align=which, assets=("odm_orthophoto",))
+        assert {t.name for t in node.tasks.values() if ALIGN_INPUT in t.gcp} == laid
+
+
+def test_without_an_anchor_the_others_go_alone(tmp_path):
+    for name in ("main", "other"):
+        project(tmp_path, name)
+    report(tmp_path, [{"name": "main", "route": "proceed"}, {"name": "other", "route": "isolate"}])
+    with NodeDouble(Behaviour(ends=ends(main=(30, "Not enough memory", [])))) as node:
+        result = go(tmp_path, node)
+        assert [e.state for e in result.entries] == ["failed", "done"]
+
+
+def test_no_more_at_once_than_the_node_has_slots(tmp_path):
+    for number in range(6):
+        project(tmp_path, f"p{number}")
+    most = []
+
+    class Counting(NodeDouble):
+        def info(self, task):
+            most.append(sum(t.status in (10, 20) for t in self.tasks.values()))
+            return super().info(task)
+
+    with Counting(Behaviour(slots=2, polls=4)) as node:
+        assert go(tmp_path, node).exit_code == 0
+    assert 2 <= max(most) <= 3  # two run, one is sent meanwhile
+
+
+def test_leaving_early_and_coming_back(tmp_path):
+    project(tmp_path, "rgb")
+    with NodeDouble(Behaviour(polls=3)) as node:
+        result = go(tmp_path, node, wait=False)
+        assert result.exit_code == 0 and result.entries[0].state == "waiting" and len(node.tasks) == 1
+        assert go(tmp_path, node).exit_code == 0 and len(node.tasks) == 1
+
+
+@pytest.mark.parametrize("answer, status", [(True, 50), (False, 20)])
+def test_an_interruption_asks_what_becomes_of_the_tasks(tmp_path, answer, status):
+    project(tmp_path, "rgb")
+    asked = []
+    running = threading.Event()
+
+    def ask(tasks):
+        asked.extend(tasks)
+        return answer
+
+    with NodeDouble(Behaviour(polls=10**6)) as node:
+        with pytest.raises(Cancelled):
+            go(
+                tmp_path,
+                node,
+                cancel=running.is_set,
+                ask_cancel=ask,
+                tell=lambda n, phase, s: running.set() if phase == "running" else None,
+            )
+        assert len(asked) == 1 and only(node).status == status
+        state = Ledger.open(tmp_path / "submit.json").entries[0]
+        assert (state.state, state.attempts[0].state) == (("failed", "canceled") if answer else ("waiting", "running"))
+        if not answer:
+            node.behaviour.polls = 1
+            assert go(tmp_path, node).exit_code == 0 and len(node.tasks) == 1
+
+
+def test_one_submission_per_ledger(tmp_path):
+    project(tmp_path, "rgb")
+    with NodeDouble() as node, only_one(tmp_path / "submit.json"), pytest.raises(UsageError, match="Another"):
+        go(tmp_path, node)
+
+
+def test_another_node_begins_anew(tmp_path):
+    project(tmp_path, "rgb")
+    with NodeDouble(Behaviour(polls=10**6)) as first:
+        go(tmp_path, first, wait=False)
+    with NodeDouble() as second:
+        result = go(tmp_path, second)
+        assert result.exit_code == 0 and len(second.tasks) == 1 and "It was on" in "\n".join(lines(result))
+
+
+def test_changed_projects_are_sent_anew(tmp_path):
+    folder = project(tmp_path, "rgb")
+    with NodeDouble() as node:
+        go(tmp_path, node)
+        (folder / "images/A.JPG").write_bytes(b"another")
+        assert go(tmp_path, node).exit_code == 0 and len(node.tasks) == 2
+    told = json.loads((tmp_path / "submit.json").read_text())
+    assert len(told["projects"]) == 1 and len(told["superseded"]) == 1
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema_version": 1, "projects": [{"name": 1}]}'])
+def test_a_damaged_ledger_is_never_overwritten(tmp_path, text):
+    project(tmp_path, "rgb")
+    (tmp_path / "submit.json").write_text(text)
+    with NodeDouble() as node, pytest.raises(UsageError, match="ledger"):
+        go(tmp_path, node)
+    assert (tmp_path / "submit.json").read_text() == text and not node.tasks
