@@ -216,6 +216,12 @@ class Thresholds:
     band_min_share: float = _number(
         0.25, "ratio", "of control points that must agree: chance reaches a few hundredths inside the search radius"
     )
+    band_chance_share: float = _number(
+        0.05,
+        "ratio",
+        "a capture whose control points agree no better is another one's: of 20 to 90 matches with wrong captures of a "
+        "real flight none agreed, of the fewest of a repetitive right one a sixth",
+    )
     band_simpler_cost: float = _number(
         0.05, "ratio", "residual that a model with fewer freedoms may cost: it bends less where there are no points"
     )
@@ -262,6 +268,10 @@ class Thresholds:
     )
     min_registered_share: float = _number(
         0.5, "ratio", "a payload with fewer of its frames in the model is not held by it"
+    )
+    sample_above: int = _number(200, "frames", "a larger block is judged by samples, so that its cost does not grow")
+    sample_frames: int = _number(
+        150, "frames per pair of payloads", "about ten strips of fifteen: bowing and focal show in a block of this size"
     )
     min_proof_frames: int = _number(6, "frames", "fewer camera centres cannot contradict a similarity: unproven")
     collinear_ratio: float = _number(

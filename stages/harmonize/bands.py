@@ -16,7 +16,18 @@ from ..profile import Payload, SurveyFrame
 from ..progress import Cancel, Progress
 from ..thresholds import Thresholds
 from .bands_findings import rig_findings, unused_points
-from .bands_fit import CapturePoints, Fitted, Lenses, cross_checked, errors_px, fit, fit_user_points, passes, witnessed
+from .bands_fit import (
+    CapturePoints,
+    Fitted,
+    Lenses,
+    contradicts,
+    cross_checked,
+    errors_px,
+    fit,
+    fit_user_points,
+    passes,
+    witnessed,
+)
 from .bands_group import (
     HeightBin,
     Rig,
@@ -262,7 +273,7 @@ def _against(fitted: BandFit, other: BandFit, measured: Measured, limits: Thresh
         if len(points) < limits.band_min_held:
             continue
         agreeing = int((errors_px(other.matrix, lenses, points) <= limits.band_ransac_px).sum())
-        mismatch = agreeing < limits.band_min_share * len(points)
+        mismatch = contradicts(len(points), agreeing, limits)
         judged.append(CaptureFit(primary, path, len(points), agreeing, mismatch=mismatch))
     return tuple(judged)
 

@@ -185,7 +185,7 @@ def fit(
     first = _fit_once(rest, primary, band, rigs, limits)
     if first is None:
         return None
-    strange = {c.frame for c in first.captures if c.mismatch}
+    strange = {c.frame for c in first.captures if _apart(c, limits)}
     if not strange or len(strange) == len(rest) or not passes(first, limits, residuals=False):
         return first
     again = _fit_once([c for c in rest if c.frame not in strange], primary, band, rigs, limits)
@@ -211,9 +211,19 @@ def passes(fitted: Fitted, limits: Thresholds, *, residuals: bool = True) -> boo
     return held.median_px <= limits.band_median_px and held.p95_px <= limits.band_p95_px
 
 
+def _apart(capture: CaptureFit, limits: Thresholds) -> bool:
+    """Most of a capture's points do not fit the bin: it may not steer the bin's model."""
+    return capture.matches >= limits.band_min_held and capture.agreeing < limits.band_min_share * capture.matches
+
+
+def contradicts(matches: int, agreeing: int, limits: Thresholds) -> bool:
+    """A capture's points agree by chance only: they show another place."""
+    return matches >= limits.band_min_held and agreeing <= limits.band_chance_share * matches
+
+
 def cross_checked(fitted: Fitted, other: Sequence[CapturePoints], limits: Thresholds) -> Fitted:
     """Add the residual on control points of the other kind, none of which the fit has seen."""
-    strange = {c.frame for c in fitted.captures if c.mismatch}
+    strange = {c.frame for c in fitted.captures if c.mismatch or _apart(c, limits)}
     points = [c.points for c in other if len(c.points) and c.frame not in strange]
     if not points:
         return fitted
@@ -231,7 +241,7 @@ def witnessed(fitted: Fitted, other: Sequence[CapturePoints], limits: Thresholds
         errors = errors_px(fitted.matrix, fitted.lenses, item.points)
         matches = known.matches + len(item.points)
         agreeing = known.agreeing + int((errors <= limits.band_ransac_px).sum())
-        mismatch = matches >= limits.band_min_held and agreeing < limits.band_min_share * matches
+        mismatch = contradicts(matches, agreeing, limits)
         told[item.frame] = replace(known, matches=matches, agreeing=agreeing, mismatch=mismatch)
     return replace(fitted, captures=tuple(told[frame] for frame in sorted(told)))
 
@@ -291,7 +301,7 @@ def _judge(capture: CapturePoints, fitted: Fitted, turn: int, limits: Thresholds
     agreeing = int((errors <= limits.band_ransac_px).sum())
     matrix = own_matrix(points[~held], fitted, limits)
     own = None if matrix is None else residual(errors_px(matrix, lenses, points[held]), limits)
-    mismatch = len(points) >= limits.band_min_held and agreeing < limits.band_min_share * len(points)
+    mismatch = contradicts(len(points), agreeing, limits)
     pooled = residual(errors[held], limits)
     return CaptureFit(capture.capture, capture.frame, len(points), agreeing, pooled, own, mismatch)
 
@@ -315,7 +325,7 @@ def better(own: Optional[Residual], pooled: Optional[Residual], limits: Threshol
 
 def _refined(fitted: Fitted, limits: Thresholds) -> Fitted:
     """Set ``refine`` where own homographies serve most captures better, and tell the residual that they give."""
-    known = [c for c in fitted.captures if c.own is not None and c.pooled is not None and not c.mismatch]
+    known = [c for c in fitted.captures if c.own is not None and c.pooled is not None and not _apart(c, limits)]
     winners = [c for c in known if better(c.own, c.pooled, limits)]
     if not known or 2 * len(winners) <= len(known):
         return fitted
