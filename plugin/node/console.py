@@ -18,7 +18,7 @@ INFO, WARNING, ERROR = "INFO", "WARNING", "ERROR"
 # Where a NodeODM on this machine listens to ODM.
 PROGRESS_PORT = 6367
 _WIDTH = 160
-_PLAIN = str.maketrans({"…": "...", "–": "-", "—": "-", "·": "|", "×": "x", "≤": "<=", "≥": ">=", "σ": "s"})
+_PLAIN = str.maketrans({"…": "...", "→": "->", "–": "-", "—": "-", "·": "|", "×": "x", "≤": "<=", "≥": ">=", "σ": "s"})
 
 
 def plain(text: str) -> str:

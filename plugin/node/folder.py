@@ -171,7 +171,7 @@ def _install(library: Library, target: Path, python: str, machine: str, wheels: 
 
 def _version_in(target: Path) -> str:
     found = sorted(p.name for p in target.glob("*.dist-info"))
-    return found[0].split("-")[1] if found else ""
+    return found[0][: -len(".dist-info")].rpartition("-")[2] if found else ""
 
 
 def summary(written: Written) -> List[str]:
