@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Set, Tuple
 
-from .align.blocks import likeness, subset
+from .align.blocks import likeness, of_frames, subset
 from .align.control import checked
 from .align.judge import FAIL, PASS, UNPROVEN
 from .align.model import AlignmentReport, AlignRequest, PayloadAlignment
@@ -21,6 +21,7 @@ from .align.run import Aligned, align_once
 from .align.solution import Retrieval
 from .align.tie import ControlTie, joined_by_control, tie_by_control
 from .align.worker import SolverFailed
+from .partition import lock_sides, stray_models, why_apart
 from .progress import Cancel, Progress, check
 from .proven import ISOLATE, PAIRWISE, PROCEED, ProvenGroup, group_of
 from .thresholds import Thresholds
@@ -99,7 +100,7 @@ class Ladder:
         best = min((quick, mixed), key=lambda a: (len(_verdicts(a.report)[FAIL]), a is mixed))
         kept, guilty = self._separate(best)
         if kept is None:
-            return self._each_alone(request, best)
+            return self._each_alone(request, best, route)
         return self._rejoin(request, kept, guilty, mixed, route)
 
     def _accept(self, done: Aligned, route: str, note: str = "") -> List[ProvenGroup]:
@@ -107,18 +108,54 @@ class Ladder:
         verdicts = _verdicts(done.report)
         notes = (note,) if note else ()
         if not verdicts[UNPROVEN]:
-            return [group_of(done.request, route, (*notes, *_reasons(done.report)), done.report)]
+            return self._as_one(done, route, notes)
         if not verdicts[PASS]:
             names = {p.payload for p in done.report.payloads}
             if len(names) == 1 or all(
                 p.strong_cross_pairs >= self.limits.min_strong_pairs for p in done.report.payloads
             ):
                 return [group_of(done.request, UNPROVEN, (*notes, *_reasons(done.report)), done.report)]
-            return self._each_alone(done.request, done)
+            return self._each_alone(done.request, done, route)
         found = self.climb(subset(done.request, set(verdicts[PASS])), route)
         for payload in sorted(verdicts[UNPROVEN]):
             found.extend(self.climb(subset(done.request, {payload}), ISOLATE))
         return found
+
+    def _as_one(self, done: Aligned, route: str, notes: Tuple[str, ...]) -> List[ProvenGroup]:
+        """A proven alignment as one group, unless a model of its own or a lock that not all can bear parts it."""
+        split = self._by_models(done, route, notes) or self._by_lock(done, route, notes)
+        return split or [group_of(done.request, route, (*notes, *_reasons(done.report)), done.report)]
+
+    def _by_models(self, done: Aligned, route: str, notes: Tuple[str, ...]) -> List[ProvenGroup]:
+        """Frames that make a model of their own over the same ground leave: two surveys under one name."""
+        strays = stray_models(done.request, done.solution.model, done.plan.areas, self.limits)
+        if not strays:
+            return []
+        gone = {p for paths in strays for p in paths}
+        rest = {f.path for f in done.request.frames} - gone
+        found = [replace(g, reasons=(*notes, *g.reasons)) for g in self.climb(of_frames(done.request, rest), route)]
+        for paths in strays:
+            why = f"{len(paths)} frames that no match ties to the rest of their payload make a model of their own"
+            for group in self.climb(of_frames(done.request, set(paths)), ISOLATE):
+                found.append(replace(group, reasons=(why, *group.reasons)))
+        return found
+
+    def _by_lock(self, done: Aligned, route: str, notes: Tuple[str, ...]) -> List[ProvenGroup]:
+        """Payloads that must be held part from those that cannot be, where both sides stand alone as well."""
+        decisions = done.report.decisions
+        sides = lock_sides(done.request, decisions)
+        if sides is None:
+            return []
+        found: List[ProvenGroup] = []
+        size = {p.payload: p.frames for p in done.report.payloads}
+        larger = max(sides, key=lambda side: (sum(size[p] for p in side), side is sides[0]))
+        for side in sides:
+            label = route if side is larger else ISOLATE
+            why = why_apart(decisions, side is sides[0])
+            for group in self.climb(subset(done.request, side), label):
+                found.append(replace(group, reasons=(*notes, why, *group.reasons)))
+        # Alone a side may be too weak to be proven: then the joint block is worth more than the lock.
+        return found if all(g.route != UNPROVEN for g in found) else []
 
     def _separate(self, done: Aligned) -> Tuple[Optional[Aligned], List[str]]:
         """Take refused payloads away until the rest stands; return the rest's alignment and who left.
@@ -142,11 +179,14 @@ class Ladder:
         verdicts = _verdicts(current.report)
         return (current, guilty) if not verdicts[FAIL] and verdicts[PASS] else (None, guilty)
 
-    def _each_alone(self, request: AlignRequest, tried: Aligned) -> List[ProvenGroup]:
+    def _each_alone(self, request: AlignRequest, tried: Aligned, route: str) -> List[ProvenGroup]:
         """Nothing stands together: every payload by itself."""
         payloads = sorted({f.payload for f in request.frames})
         if len(payloads) == 1:
             report = tried.report
+            strays = self._by_models(tried, route, ())
+            if strays:
+                return strays
             return [group_of(request, UNPROVEN, _reasons(report), report)]
         why = {p.payload: p.reasons for p in tried.report.payloads}
         found: List[ProvenGroup] = []

@@ -7,6 +7,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 from .align.judge import UNPROVEN
 from .align.model import AlignmentReport, AlignRequest, LockDecision
+from .partition import held_together
 
 PROCEED = "proceed"
 PAIRWISE = "pairwise"
@@ -57,7 +58,7 @@ def group_of(
         route=route,
         reasons=tuple(dict.fromkeys(reasons)),
         alignment=report,
-        locked=report.decisions if report else (),
+        locked=held_together(report.decisions) if report else (),
     )
 
 

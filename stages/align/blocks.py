@@ -46,8 +46,12 @@ def blocks(request: AlignRequest, limits: Thresholds) -> Tuple[AlignRequest, ...
 
 def subset(request: AlignRequest, payloads: Set[str]) -> AlignRequest:
     """Return the part of a request that belongs to ``payloads``, under the same name (pure)."""
-    frames = tuple(f for f in request.frames if f.payload in payloads)
-    paths = {f.path for f in frames}
+    return of_frames(request, {f.path for f in request.frames if f.payload in payloads})
+
+
+def of_frames(request: AlignRequest, paths: Set[str]) -> AlignRequest:
+    """Return the part of a request that these frames make, under the same name (pure)."""
+    frames = tuple(f for f in request.frames if f.path in paths)
     shapes = {(f.profile, f.width, f.height) for f in frames}
     return replace(
         request,

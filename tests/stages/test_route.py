@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sensorgate.stages import ladder
 from sensorgate.stages.align.blocks import blocks
-from sensorgate.stages.align.model import AlignmentReport, Bowing, GpsFit, PayloadAlignment
+from sensorgate.stages.align.model import AlignmentReport, Bowing, GpsFit, LockDecision, PayloadAlignment
 from sensorgate.stages.align.worker import SolverFailed
 from sensorgate.stages.errors import UsageError
 from sensorgate.stages.record import from_plain, to_plain
@@ -27,6 +27,8 @@ class Solver:
         self.rule = rule
         self.linked = linked
         self.calls = []
+        self.decide = lambda names: ()
+        self.place = lambda path: 0
 
     def __call__(self, asked, workspace, *, rung, extra=(), start=None, **_):
         names = sorted({f.payload for f in asked.frames})
@@ -53,9 +55,11 @@ class Solver:
         worst = next(v for v in ("fail", "unproven", "pass") if v in {p.verdict for p in payloads})
         report = AlignmentReport(
             asked.name, "pycolmap", rung, (), 18, 1, 0.5, names[0], GpsFit(18), 60.0, Bowing(), payloads, (), (), (),
-            0, 100, verdict=worst,
+            0, 100, verdict=worst, decisions=self.decide(names),
         )  # fmt: skip
-        return SimpleNamespace(report=report, request=asked, solution=SimpleNamespace(models=1), job=None)
+        found = SimpleNamespace(models=1, model=np.asarray([self.place(f.path) for f in asked.frames]))
+        plan = SimpleNamespace(areas=[0] * len(asked.frames))
+        return SimpleNamespace(report=report, request=asked, solution=found, job=None, plan=plan)
 
 
 @pytest.fixture
@@ -77,7 +81,7 @@ def _passed(aligned, payload, limits):
     """What control joins, passes."""
     payloads = tuple(replace(p, verdict="pass") for p in aligned.report.payloads)
     report = replace(aligned.report, payloads=payloads, verdict="pass")
-    return SimpleNamespace(report=report, request=aligned.request, solution=aligned.solution, job=None)
+    return SimpleNamespace(**{**vars(aligned), "report": report})
 
 
 def _routes(proof: Proof):
@@ -273,3 +277,68 @@ def test_a_block_elsewhere_is_isolated_and_says_so():
     found = apart([*given, ("rgb", 0, group("d", 2, "unproven"))])
     assert [g.route for g in found] == ["proceed", "isolate", "isolate", "proceed", "unproven"]
     assert found[1].reasons[0].startswith("It stands over another place") and found[1].frames == given[1][2].frames
+
+
+def _decision(profile, hold=False, supported=False):
+    return LockDecision(profile, hold, 0.6, (0.0, 0.0), (0.0,) * 5, "focal sheet", "said", supported)
+
+
+def _held_and_free(names):
+    return tuple(_decision(n, hold=n == "a") for n in names)
+
+
+def test_what_must_be_held_parts_from_what_cannot_be(solver, tmp_path):
+    made = solver(lambda rung, names: {})
+    made.decide = _held_and_free
+    proof = prove(_block(), tmp_path)
+    assert _routes(proof) == {("a",): "isolate", ("b", "c"): "proceed"}
+    assert any("must be held" in r and "b, c" in r for g in proof.groups if g.payloads == ("a",) for r in g.reasons)
+    assert any("a must be" in r for g in proof.groups if g.payloads == ("b", "c") for r in g.reasons)
+    assert sorted(f for g in proof.groups for f in g.frames) == sorted(f.path for f in _block().frames)
+
+
+def test_a_supported_self_calibration_is_held_beside_it(solver, tmp_path):
+    made = solver(lambda rung, names: {})
+    made.decide = lambda names: tuple(_decision(n, hold=n == "a", supported=n != "a") for n in names)
+    (group,) = prove(_block(), tmp_path).groups
+    assert group.route == "proceed" and all(d.hold for d in group.locked)
+    assert any("a lock is for all" in d.reason for d in group.locked)
+
+
+def test_a_side_that_is_nothing_alone_stays(solver, tmp_path):
+    made = solver(lambda rung, names: {} if len(names) == 3 else dict.fromkeys(names, "unproven"))
+    made.decide = _held_and_free
+    assert _routes(prove(_block(), tmp_path)) == {("a", "b", "c"): "proceed"}
+
+
+def test_nothing_to_hold_or_nothing_free_is_no_split(solver, tmp_path):
+    for hold in (True, False):
+        made = solver(lambda rung, names: {})
+        made.decide = lambda names, hold=hold: tuple(_decision(n, hold=hold) for n in names)
+        assert _routes(prove(_block(), tmp_path)) == {("a", "b", "c"): "proceed"}
+        assert len(made.calls) == 1
+
+
+@pytest.mark.parametrize("verdict", ["pass", "fail"])
+def test_a_payload_that_is_two_surveys_becomes_two_projects(monkeypatch, tmp_path, verdict):
+    second = {f"a/{i:03d}.jpg" for i in range(11, 18)}
+
+    class Two(Solver):
+        def __call__(self, asked, workspace, **more):
+            whole = len(asked.frames) == 18
+            self.place = lambda path: int(whole and path in second)
+            self.rule = lambda rung, names: dict.fromkeys(names, verdict if whole else "pass")
+            return super().__call__(asked, workspace, **more)
+
+    monkeypatch.setattr(ladder, "align_once", Two(None))
+    proof = prove(_block("a"), tmp_path)
+    assert sorted(len(g.frames) for g in proof.groups) == [7, 11]
+    assert next(g for g in proof.groups if len(g.frames) == 7).route == "isolate"
+    assert any("model of their own" in r for g in proof.groups for r in g.reasons)
+    assert {g.name for g in proof.groups} == {"block", "block-2"}
+
+
+def test_a_few_frames_astray_are_no_survey(solver, tmp_path):
+    made = solver(lambda rung, names: {})
+    made.place = lambda path: int(path in {"a/000.jpg", "a/001.jpg", "a/002.jpg"})
+    assert [len(g.frames) for g in prove(_block("a"), tmp_path).groups] == [18]
