@@ -63,7 +63,7 @@ class OdmModel:
     ``model`` (N,) is each frame's piece, 0 the largest; ``rotation`` (N, 3, 3)
     is world to camera. ``errors`` is ``None`` where there are no tracks.
     ``shared`` counts the points that two frames both see well, where that had
-    to be counted.
+    to be counted. ``damaged`` says that files ended early or hold damaged entries.
     """
 
     names: Tuple[str, ...]
@@ -79,6 +79,7 @@ class OdmModel:
     shared: Optional[Pairs]
     counted_by: str
     notes: Tuple[str, ...]
+    damaged: bool = False
 
     @property
     def sizes(self) -> Tuple[int, ...]:
@@ -237,6 +238,7 @@ def build_model(folder: Path, reconstruction: Path, limits: Thresholds, count_sh
     if not counted_by and pairs is not None and tracks.is_file() and len(raw.point_id):
         piece, counted_by = _by_shared(names, pairs, limits.outcome_tie_points), "shared points"
         table = _Points(table.ids, _points_by_frames(shared, piece, len(table.ids)), table.xyz)
+    damaged = bool(notes)
     unknown = sorted({c for c, ok in zip(geometry.cameras, geometry.known) if not ok})
     notes += [f"no reprojection error for {c}: its camera model has no formula here" for c in unknown]
     rank = _by_size(piece)
@@ -254,6 +256,7 @@ def build_model(folder: Path, reconstruction: Path, limits: Thresholds, count_sh
         shared=pairs,
         counted_by=counted_by,
         notes=tuple(notes),
+        damaged=damaged,
     )
 
 

@@ -31,6 +31,8 @@ from .project import OURS
 Row = Mapping[str, Any]
 
 _MAX_LIST_BYTES = 64 * 1024 * 1024
+# Where no file says how large a frame is; only the allowance for the network's own spread hangs on it.
+_USUAL_SIZE = (4000, 3000)
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,9 @@ def project_frames(
     notes: List[str] = []
     metadata = _metadata(folder, limits, notes)
     names = _listed(opensfm_folder(folder), limits, notes) or _primary(metadata, placed)
-    names = sorted(set(names) | set(placed))[: limits.outcome_max_frames]
-    ours, planned = _our_rows(folder, limits, notes)
     present = _images(folder)
+    names = sorted(set(names or present) | set(placed))[: limits.outcome_max_frames]
+    ours, planned = _our_rows(folder, limits, notes)
     dropped: Set[str] = (present - set(metadata)) if metadata else (present - set(names) if names else set())
     read = _from_images(folder, [n for n in names if n in present], limits) if present else {}
     frames: List[AlignFrame] = []
@@ -92,7 +94,9 @@ def project_frames(
         if row is not None:
             frame = _as_planned(frame, row)
         if camera is None:
-            camera = _camera(frame, cameras, placed.get(name) or str(metadata.get(name, {}).get("camera", "")))
+            start = cameras.get(placed.get(name) or str(metadata.get(name, {}).get("camera", "")))
+            frame = _sized(frame, start)
+            camera = _camera(frame, start)
         camera = replace(camera, profile=frame.profile)
         intrinsics.setdefault((frame.profile, frame.width, frame.height), camera)
         frames.append(frame)
@@ -320,11 +324,18 @@ def _seconds(text: Any) -> Optional[float]:
     return moment.replace(tzinfo=datetime.timezone.utc).timestamp()
 
 
-def _camera(frame: AlignFrame, cameras: Mapping[str, OpenSfmCamera], identity: str) -> AlignCamera:
+def _sized(frame: AlignFrame, start: Optional[OpenSfmCamera]) -> AlignFrame:
+    """The frame with its camera's size where its own is not known."""
+    if frame.width > 0 and frame.height > 0:
+        return frame
+    width, height = (start.width, start.height) if start is not None else _USUAL_SIZE
+    return replace(frame, width=width, height=height)
+
+
+def _camera(frame: AlignFrame, start: Optional[OpenSfmCamera]) -> AlignCamera:
     """The camera that ODM started from, as the profile's."""
-    start = cameras.get(identity)
     ratio = None
-    if start is not None and start.known and frame.width:
+    if start is not None and start.known:
         ratio = start.focal_ratio * max(frame.width, frame.height) / frame.width
     return AlignCamera(frame.profile, frame.width, frame.height, Intrinsics(focal_ratio=ratio))
 

@@ -53,6 +53,7 @@ class PlacedFrames:
     point_model: Ints
     whole_errors: bool
     notes: Tuple[str, ...] = ()
+    damaged: bool = False
 
 
 def placed_of(model: OdmModel, limits: Thresholds) -> PlacedFrames:
@@ -77,6 +78,7 @@ def placed_of(model: OdmModel, limits: Thresholds) -> PlacedFrames:
         point_model=model.point_model[::step],
         whole_errors=model.errors is not None,
         notes=model.notes,
+        damaged=model.damaged,
     )
 
 
@@ -105,7 +107,8 @@ def judge_project(
     measured, gaps = _with_gaps(measured, placed, pairs, limits)
     tied = payloads if pairs is None else ()
     report = assemble_report(request, "odm", engine, job, solution, measured, ground, (), limits, tied)
-    proven = project.planned in (PROCEED, PAIRWISE)
+    # An alignment before the run speaks for ties that are not in the folder, never for a damaged result.
+    proven = project.planned in (PROCEED, PAIRWISE) and not (placed is not None and placed.damaged)
     judged = tuple(_open(p, gaps.get(p.payload, ()), proven) for p in report.payloads)
     return replace(report, payloads=judged, verdict=overall(judged))
 
@@ -184,6 +187,8 @@ def _with_gaps(
             p = replace(p, worst_profile_px=0.0)
         elif placed is not None and not placed.whole_errors:
             missing.append("its reprojection error is ODM's own mean, which leaves out what lies beyond 4 px")
+        if placed is not None and placed.damaged:
+            missing.append("files of the reconstruction are damaged: its figures are those of a part")
         gaps[p.payload] = tuple(missing)
         figures.append(p)
     return replace(measured, payloads=tuple(figures)), gaps
