@@ -22,7 +22,7 @@ _VALUES = frozenset(
     (
         *("BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8"),
         *("BININT", "BININT1", "BININT2", "LONG1"),
-        *("BINBYTES", "SHORT_BINBYTES", "BINBYTES8"),
+        *("BINBYTES", "SHORT_BINBYTES", "BINBYTES8", "BYTEARRAY8"),
     )
 )
 _SMALL = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
@@ -32,7 +32,8 @@ _GETS = frozenset(["BINGET", "LONG_BINGET", "GET"])
 _RECONSTRUCT = ("numpy.core.multiarray _reconstruct", "numpy._core.multiarray _reconstruct")
 _FROM_BUFFER = ("numpy.core.numeric _frombuffer", "numpy._core.numeric _frombuffer")
 _NDARRAY, _DTYPE, _ENCODE = "numpy ndarray", "numpy dtype", "_codecs encode"
-_ALLOWED = frozenset((*_RECONSTRUCT, *_FROM_BUFFER, _NDARRAY, _DTYPE, _ENCODE))
+_BYTES = ("__builtin__ bytes", "builtins bytes")  # how an old protocol spells no bytes at all
+_ALLOWED = frozenset((*_RECONSTRUCT, *_FROM_BUFFER, *_BYTES, _NDARRAY, _DTYPE, _ENCODE))
 _MARK = object()
 
 
@@ -171,6 +172,8 @@ def _call(function: Any, arguments: Any) -> Any:
         rows = _Rows()
         rows.count = _counted(arguments[2], arguments[1], arguments[0])
         return rows
+    if function in _BYTES and not arguments:
+        return b""
     raise Unreadable(f"it calls {function}")
 
 

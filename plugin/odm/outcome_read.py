@@ -69,7 +69,8 @@ def read_placed(
             model = build_model(opensfm, opensfm / name, limits, count_shared)
             if model is not None:
                 return placed_of(model, limits), model
-            notes.append(f"{name} holds no placed frame that can be read")
+            if not _empty(opensfm / name):
+                notes.append(f"{name} holds no placed frame that can be read")
     try:
         shots = read_object(folder / "odm_report" / "shots.geojson", limits)
     except FileNotFoundError:
@@ -78,6 +79,15 @@ def read_placed(
         notes.append(str(error))
         return None, None
     return _placed_by_report(shots, opensfm, figures, limits), None
+
+
+def _empty(path: Path) -> bool:
+    """Whether a list holds nothing: ODM writes one where it placed no frame."""
+    try:
+        with open(path, "rb") as stream:
+            return b"".join(stream.read(64).split()) == b"[]"
+    except OSError:
+        return False
 
 
 def _placed_by_report(

@@ -328,7 +328,7 @@ def _shots(block: Block, placed: Sequence[Frame]) -> Dict[str, Any]:
                 "focal": f.camera.focal_ratio,
                 "width": f.camera.width,
                 "height": f.camera.height,
-                "translation": [float(v) for v in block.center(f) + (576705.0, 5188170.0, 0.0)],
+                "translation": [float(v) for v in np.add(block.center(f), (576705.0, 5188170.0, 0.0))],
                 "rotation": axis_angle(f.rotation),
             },
             "geometry": {"type": "Point", "coordinates": [0.0, 0.0, 0.0]},
