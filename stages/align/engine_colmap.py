@@ -11,18 +11,16 @@ from __future__ import annotations
 
 import math
 import shutil
-import sqlite3
-import subprocess
 from pathlib import Path
-from typing import Callable, Dict, List, NamedTuple, Sequence, Set, Tuple
+from typing import Callable, Dict, List, Sequence, Set, Tuple
 
 import numpy as np
-import numpy.typing as npt
 
-from ..errors import MissingDependency
+from .colmap_database import cameras_of, descriptors_of, image_ids, inliers_of, name_of, row_of
+from .colmap_program import Flag, program, run
 from .images import read_grey, stretch_ranges, to_eight_bits
-from .matching import alike_pairs, signatures
 from .models import camera_model, read_model
+from .retrieval import retrieved
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
 from .textmodel import TextModel, read_model_text, write_cameras
 from .worker import SolverFailed
@@ -30,36 +28,27 @@ from .worker import SolverFailed
 Step = Callable[[str, int, int], None]
 Pair = Tuple[int, int]
 
-_TIMEOUT_S = 24 * 3600
-_PAIR_BASE = 2147483647
-
-
-class Flag(NamedTuple):
-    """An option under its names, newest first, and its value."""
-
-    names: Tuple[str, ...]
-    value: str
-
 
 def solve(job: Job, folder: Path, cache: Path, step: Step) -> Solution:
     """Extract, match, verify and map with the program; models are stored under ``folder``."""
     del cache
-    program = _program()
+    tool = program()
     folder.mkdir(parents=True, exist_ok=True)
     database, images = folder / "database.db", folder / "images"
     if database.exists():
         database.unlink()
     notes = _write_images(job, images, step)
-    _extract(program, job, database, images, folder, step)
-    ids, features = _image_ids(database)
-    pairs = sorted(set(job.pairs) | _retrieved(job, database, ids))
-    _match(program, job, database, pairs, folder, step)
-    inliers = _inliers(database, ids)
+    _extract(tool, job, database, images, folder, step)
+    ids, features = image_ids(database)
+    descriptors = descriptors_of(database, ids, len(job.frames)) if job.retrieval else []
+    pairs = sorted(set(job.pairs) | set(retrieved(job, descriptors)))
+    _match(tool, job, database, pairs, folder, step)
+    inliers = inliers_of(database, ids)
     step("mapping", 0, 1)
-    found = _map(program, job, database, images, folder)
+    found = _map(tool, job, database, images, folder)
     step("mapping", 1, 1)
     shutil.rmtree(images, ignore_errors=True)
-    solution = collect(job, job.cameras, _cameras_of(database, job, ids), found)
+    solution = collect(job, job.cameras, cameras_of(database, job, ids), found)
     rows = [(a, b, inliers.get((a, b), 0)) for a, b in pairs]
     return _replaced(
         solution,
@@ -72,7 +61,7 @@ def solve(job: Job, folder: Path, cache: Path, step: Step) -> Solution:
 
 def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
     """Adjust a copy of the stored models for each variant of the cameras, all from the same start."""
-    program = _program()
+    tool = program()
     base = Path(task.models)
     results = []
     for number, cameras in enumerate(task.variants, start=1):
@@ -86,8 +75,8 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
             camera_of = {c: int(name.split("-")[0]) for c, name in _camera_owner(model, task.job).items()}
             write_cameras(target, {c: cameras[i] for c, i in camera_of.items()})
             moving = [cameras[i] for i in set(camera_of.values()) if not cameras[i].held]
-            _run(
-                program,
+            run(
+                tool,
                 "bundle_adjuster",
                 [
                     Flag(("input_path",), str(target)),
@@ -99,20 +88,13 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
                 ],
                 folder,
             )
-            _to_text(program, target)
+            _to_text(tool, target)
             adjusted.append(read_model_text(target))
         owners = [_camera_owner(m, task.job) for m in adjusted]
         merged = {c: int(name.split("-")[0]) for owner in owners for c, name in owner.items()}
         results.append(_replaced(collect(task.job, cameras, merged, adjusted), stored=str(folder)))
         step("calibration", number, len(task.variants))
     return tuple(results)
-
-
-def _program() -> str:
-    found = shutil.which("colmap")
-    if found is None:
-        raise MissingDependency("COLMAP", "the alignment with --engine colmap", "sudo apt install colmap")
-    return found
 
 
 def _replaced(solution: Solution, **changes: object) -> Solution:
@@ -123,25 +105,6 @@ def _replaced(solution: Solution, **changes: object) -> Solution:
 
 def _bit(value: bool) -> str:
     return "1" if value else "0"
-
-
-def _run(program: str, verb: str, flags: Sequence[Flag], folder: Path) -> None:
-    """Run one verb with the options that this version knows; raises ``SolverFailed`` with its last words."""
-    known = subprocess.run(
-        [program, verb, "--help"], capture_output=True, text=True, errors="replace", timeout=60, check=False
-    )
-    words = known.stdout + known.stderr
-    command = [program, verb]
-    for flag in flags:
-        name = next((n for n in flag.names if f"--{n} " in words or f"--{n}\n" in words), None)
-        if name is not None:
-            command += [f"--{name}", flag.value]
-    done = subprocess.run(
-        command, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S, check=False, cwd=str(folder)
-    )
-    if done.returncode != 0:
-        tail = " | ".join((done.stdout + done.stderr).strip().splitlines()[-3:])
-        raise SolverFailed(f"colmap {verb} ended with code {done.returncode}: {tail[-500:]}")
 
 
 def _write_images(job: Job, images: Path, step: Step) -> Tuple[str, ...]:
@@ -155,26 +118,17 @@ def _write_images(job: Job, images: Path, step: Step) -> Tuple[str, ...]:
         try:
             pixels = read_grey(frame.file, sizes[index], frame.luts)
             grey = to_eight_bits(pixels, spans.get(frame.tone, (0.0, 255.0)))
-            Image.fromarray(grey).save(images / _name(job, index), compress_level=1)
+            Image.fromarray(grey).save(images / name_of(job, index), compress_level=1)
         except Exception as error:
             notes.append(f"{frame.name}: pixels cannot be decoded ({type(error).__name__})")
         step("images", index + 1, len(job.frames))
     return tuple(notes)
 
 
-def _name(job: Job, index: int) -> str:
-    """File name that carries the camera and the frame's row."""
-    return f"{job.frames[index].camera:03d}-{index:06d}.png"
-
-
-def _row(name: str) -> int:
-    return int(name.split("-")[1].split(".")[0])
-
-
-def _extract(program: str, job: Job, database: Path, images: Path, folder: Path, step: Step) -> None:
+def _extract(tool: str, job: Job, database: Path, images: Path, folder: Path, step: Step) -> None:
     settings = job.settings
     for index, camera in enumerate(job.cameras):
-        names = [_name(job, i) for i, f in enumerate(job.frames) if f.camera == index]
+        names = [name_of(job, i) for i, f in enumerate(job.frames) if f.camera == index]
         names = [n for n in names if (images / n).exists()]
         if not names:
             continue
@@ -182,8 +136,8 @@ def _extract(program: str, job: Job, database: Path, images: Path, folder: Path,
         listing.write_text("\n".join(names) + "\n", encoding="utf-8")
         model, params = camera_model(camera)
         small = max(camera.width, camera.height) < settings.upsample_below_px
-        _run(
-            program,
+        run(
+            tool,
             "feature_extractor",
             [
                 Flag(("database_path",), str(database)),
@@ -208,70 +162,20 @@ def _extract(program: str, job: Job, database: Path, images: Path, folder: Path,
         step("features", index + 1, len(job.cameras))
 
 
-def _image_ids(database: Path) -> Tuple[Dict[int, int], Dict[int, int]]:
-    """Return row -> image id and row -> number of features."""
-    if not database.exists():
-        return {}, {}
-    link = sqlite3.connect(str(database))
-    try:
-        ids = {_row(name): int(key) for key, name in link.execute("SELECT image_id, name FROM images")}
-        counts = {int(key): int(rows) for key, rows in link.execute("SELECT image_id, rows FROM keypoints")}
-    finally:
-        link.close()
-    return ids, {row: counts.get(key, 0) for row, key in ids.items()}
-
-
-def _cameras_of(database: Path, job: Job, ids: Dict[int, int]) -> Dict[int, int]:
-    """Return COLMAP's camera id -> our camera's index."""
-    if not database.exists():
-        return {}
-    link = sqlite3.connect(str(database))
-    try:
-        rows = list(link.execute("SELECT name, camera_id FROM images"))
-    finally:
-        link.close()
-    return {int(camera): job.frames[_row(name)].camera for name, camera in rows if _row(name) in ids}
-
-
 def _camera_owner(model: TextModel, job: Job) -> Dict[int, str]:
-    return {i.camera_id: f"{job.frames[_row(i.name)].camera}-" for i in model.images}
+    return {i.camera_id: f"{job.frames[row_of(i.name)].camera}-" for i in model.images}
 
 
-def _retrieved(job: Job, database: Path, ids: Dict[int, int]) -> Set[Pair]:
-    if not job.retrieval:
-        return set()
-    empty: npt.NDArray[np.uint8] = np.zeros((0, 128), dtype=np.uint8)
-    rows = {key: row for row, key in ids.items()}
-    found = {}
-    link = sqlite3.connect(str(database))
-    try:
-        for key, count, width, data in link.execute("SELECT image_id, rows, cols, data FROM descriptors"):
-            if count and int(key) in rows:
-                found[rows[int(key)]] = np.frombuffer(data, dtype=np.uint8).reshape(count, width)
-    finally:
-        link.close()
-    vectors = signatures([found.get(i, empty) for i in range(len(job.frames))])
-    barred = {frozenset((a, b)) for group in job.apart for a in group for b in group}
-    known = set(job.pairs)
-    wanted: Set[Pair] = set()
-    for wish in job.retrieval:
-        asked = wish.count + len(known) if wish.count else 0
-        ranked = alike_pairs(vectors, wish.left, wish.right, asked, wish.per_frame)
-        fresh = [p for p in ranked if p not in known and frozenset(p) not in barred]
-        wanted |= set(fresh[: wish.count] if wish.count else fresh)
-    return wanted
-
-
-def _match(program: str, job: Job, database: Path, pairs: Sequence[Pair], folder: Path, step: Step) -> None:
-    ids, _ = _image_ids(database)
+def _match(tool: str, job: Job, database: Path, pairs: Sequence[Pair], folder: Path, step: Step) -> None:
+    ids, _ = image_ids(database)
     listing = folder / "pairs.txt"
-    lines = [f"{_name(job, a)} {_name(job, b)}" for a, b in pairs if a in ids and b in ids]
+    lines = [f"{name_of(job, a)} {name_of(job, b)}" for a, b in pairs if a in ids and b in ids]
     listing.write_text("\n".join(lines) + "\n", encoding="utf-8")
     step("pairs", 0, len(pairs))
     if lines:
         settings = job.settings
-        _run(
-            program,
+        run(
+            tool,
             "matches_importer",
             [
                 Flag(("database_path",), str(database)),
@@ -289,23 +193,7 @@ def _match(program: str, job: Job, database: Path, pairs: Sequence[Pair], folder
     step("pairs", len(pairs), len(pairs))
 
 
-def _inliers(database: Path, ids: Dict[int, int]) -> Dict[Pair, int]:
-    rows = {key: row for row, key in ids.items()}
-    link = sqlite3.connect(str(database))
-    try:
-        found = list(link.execute("SELECT pair_id, rows FROM two_view_geometries"))
-    finally:
-        link.close()
-    result = {}
-    for pair_id, count in found:
-        second = pair_id % _PAIR_BASE
-        a, b = rows.get((pair_id - second) // _PAIR_BASE), rows.get(second)
-        if a is not None and b is not None and count:
-            result[(min(a, b), max(a, b))] = int(count)
-    return result
-
-
-def _map(program: str, job: Job, database: Path, images: Path, folder: Path) -> List[TextModel]:
+def _map(tool: str, job: Job, database: Path, images: Path, folder: Path) -> List[TextModel]:
     raw, models = folder / "mapper", folder / "models"
     for place in (raw, models):
         shutil.rmtree(place, ignore_errors=True)
@@ -313,8 +201,8 @@ def _map(program: str, job: Job, database: Path, images: Path, folder: Path) -> 
     free = any(not c.held for c in job.cameras)
     settings = job.settings
     try:
-        _run(
-            program,
+        run(
+            tool,
             "mapper",
             [
                 Flag(("database_path",), str(database)),
@@ -333,7 +221,7 @@ def _map(program: str, job: Job, database: Path, images: Path, folder: Path) -> 
         )
     except SolverFailed:
         # The mapper ends with an error where no two frames can be joined: that is an answer, not a fault.
-        if not any(p.is_dir() for p in raw.iterdir()) and _inliers(database, _image_ids(database)[0]):
+        if not any(p.is_dir() for p in raw.iterdir()) and inliers_of(database, image_ids(database)[0]):
             pass
         elif not any(p.is_dir() for p in raw.iterdir()):
             return []
@@ -341,7 +229,7 @@ def _map(program: str, job: Job, database: Path, images: Path, folder: Path) -> 
             raise
     found = []
     for source in sorted(p for p in raw.iterdir() if p.is_dir()):
-        _to_text(program, source)
+        _to_text(tool, source)
         found.append((read_model_text(source), source))
     ranked = sorted(found, key=lambda f: (-len(f[0].images), -len(f[0].points), min(i.name for i in f[0].images)))
     for number, (_, source) in enumerate(ranked):
@@ -349,9 +237,9 @@ def _map(program: str, job: Job, database: Path, images: Path, folder: Path) -> 
     return [model for model, _ in ranked]
 
 
-def _to_text(program: str, place: Path) -> None:
-    _run(
-        program,
+def _to_text(tool: str, place: Path) -> None:
+    run(
+        tool,
         "model_converter",
         [Flag(("input_path",), str(place)), Flag(("output_path",), str(place)), Flag(("output_type",), "TXT")],
         place,
@@ -375,7 +263,7 @@ def collect(
     ids: List[int] = []
     kept = 0
     for model in models:
-        fresh = [i for i in model.images if placed[_row(i.name)] == UNPLACED]
+        fresh = [i for i in model.images if placed[row_of(i.name)] == UNPLACED]
         if len(fresh) < job.settings.min_model_frames:
             continue
         for camera_id, (name, values) in sorted(model.cameras.items()):
@@ -384,7 +272,7 @@ def collect(
                 solved[index] = read_model(cameras[index], name, values)
                 told.add(index)
         for image in fresh:
-            row = _row(image.name)
+            row = row_of(image.name)
             placed[row] = kept
             rotation[row] = image.rotation
             center[row] = -image.rotation.T @ image.translation

@@ -18,8 +18,9 @@ import numpy as np
 
 from ..record import write_bytes
 from .features import Features, all_descriptors, feature_keys, load_or_extract
-from .matching import Descriptors, Matches, alike_pairs, match, signatures, unit
+from .matching import Descriptors, Matches, match, unit
 from .models import camera_model, read_model
+from .retrieval import retrieved
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Hold, Job, Solution
 
 Step = Callable[[str, int, int], None]
@@ -38,7 +39,7 @@ def solve(job: Job, folder: Path, cache: Path, step: Step) -> Solution:
     _quiet(pycolmap)
     pycolmap.set_random_seed(job.settings.seed)
     features, notes = load_or_extract(job, cache / "features", step)
-    pairs = sorted(set(job.pairs) | set(_retrieved(job, features)))
+    pairs = sorted(set(job.pairs) | set(retrieved(job, all_descriptors(features))))
     verified = _verify_all(pycolmap, job, features, pairs, cache / "matches", step)
     step("mapping", 0, 1)
     models = _map(pycolmap, job, features, verified, folder)
@@ -83,21 +84,6 @@ def _with(solution: Solution, **changes: Any) -> Solution:
     import dataclasses
 
     return dataclasses.replace(solution, **changes)
-
-
-def _retrieved(job: Job, features: Sequence[Features]) -> List[Pair]:
-    if not job.retrieval:
-        return []
-    vectors = signatures(all_descriptors(features))
-    barred = {frozenset((a, b)) for group in job.apart for a in group for b in group}
-    known = set(job.pairs)
-    found: List[Pair] = []
-    for wish in job.retrieval:
-        asked = wish.count + len(known) if wish.count else 0
-        ranked = alike_pairs(vectors, wish.left, wish.right, asked, wish.per_frame)
-        fresh = [p for p in ranked if p not in known and frozenset(p) not in barred]
-        found.extend(fresh[: wish.count] if wish.count else fresh)
-    return found
 
 
 def _verify_all(

@@ -7,7 +7,7 @@ distances are angles, as COLMAP measures them.
 
 from __future__ import annotations
 
-from typing import List, Sequence, Set, Tuple
+from typing import AbstractSet, List, Sequence, Set, Tuple
 
 import numpy as np
 import numpy.typing as npt
@@ -91,13 +91,22 @@ def signatures(descriptors: Sequence[npt.NDArray[np.uint8]]) -> Descriptors:
 
 
 def alike_pairs(
-    vectors: Descriptors, left: Sequence[int], right: Sequence[int], count: int, per_frame: int
+    vectors: Descriptors,
+    left: Sequence[int],
+    right: Sequence[int],
+    count: int,
+    per_frame: int,
+    without: AbstractSet[Tuple[int, int]] = frozenset(),
 ) -> List[Tuple[int, int]]:
-    """Return the most alike pairs (a < b, sorted): ``count`` in all, or ``per_frame`` for each of ``left``."""
+    """Return the most alike pairs (a < b, sorted): ``count`` in all, or ``per_frame`` for each of ``left``.
+
+    Pairs ``without`` are passed over before any is counted.
+    """
     likeness = np.round(vectors[list(left)] @ vectors[list(right)].T, 6)
     wanted: List[Tuple[float, int, int]] = []
     for row, a in enumerate(left):
-        ranked = sorted(((-float(likeness[row, col]), a, b) for col, b in enumerate(right) if a != b))
+        fresh = [(col, b) for col, b in enumerate(right) if a != b and (min(a, b), max(a, b)) not in without]
+        ranked = sorted((-float(likeness[row, col]), a, b) for col, b in fresh)
         wanted.extend(ranked[:per_frame] if per_frame else ranked)
     if not per_frame:
         wanted = _distinct(sorted(wanted), count)

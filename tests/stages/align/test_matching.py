@@ -1,9 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensorgate.stages.align.matching import alike_pairs, match, signatures, unit
+from sensorgate.stages.align.retrieval import retrieved
+from sensorgate.stages.align.solution import Retrieval
+
+from tests.stages.align.scenes import frames as scene_frames
+from tests.stages.align.scenes import grid, job_for, request
 
 
 def _descriptors(count, seed):
@@ -43,3 +50,21 @@ def test_frames_of_the_same_ground_are_alike():
     vectors = signatures(frames)
     assert alike_pairs(vectors, range(4), range(4, 9), 4, 0) == [(0, 4), (1, 5), (2, 6), (3, 7)]
     assert alike_pairs(vectors, [0], range(1, 9), 0, 1) == [(0, 4)]
+
+
+def test_known_pairs_are_passed_over_before_any_is_counted():
+    ground = [_descriptors(300, s) for s in range(4)]
+    frames = [np.concatenate([g[::2], g[1::3]]) for g in ground] + [g[50:] for g in ground]
+    vectors = signatures(frames)
+    known = {(0, 4), (1, 5)}
+    assert alike_pairs(vectors, range(4), range(4, 8), 2, 0, known) == [(2, 6), (3, 7)]
+
+
+def test_a_job_gets_the_most_alike_of_the_pairs_that_it_lacks():
+    ground = [_descriptors(300, s) for s in range(6)]
+    frames = [g[::2] for g in ground] + [g[50:] for g in ground]
+    asked = request(*[scene_frames(grid(2, 6), "a")])
+    job = replace(job_for(asked), pairs=((0, 6), (1, 7)), apart=((2, 8),))
+    wish = Retrieval(tuple(range(6)), tuple(range(6, 12)), count=3)
+    assert retrieved(replace(job, retrieval=(wish,)), frames) == [(3, 9), (4, 10), (5, 11)]
+    assert retrieved(job, frames) == []
