@@ -147,7 +147,7 @@ class NodeDouble:
 
     def option_list(self) -> List[Dict[str, Any]]:
         listed = [
-            {"name": o["name"], "type": o["type"], "value": str(o["default"]), "domain": o["domain"], "help": ""}
+            {"name": o["name"], "type": o["type"], "value": str(o["default"]), "domain": o["domain"] or "", "help": ""}
             for o in odm_3_6_options()
             if o["nodeodm_shows"]
         ]
