@@ -2,10 +2,13 @@
 
 Filters were chosen by fidelity to a windowed-sinc (Lanczos) resize in floating
 point and to the frame's own spectrum, on real frames and on noise (see
-``benchmarks/resample_fidelity.py``): upwards Lanczos over four lobes, 1 to 2 dB
-nearer to either than a cubic kernel and 7 to 9 dB than a linear one; down to
-one half a cubic kernel, with a light Gaussian before it so that detail finer
-than the new grid does not alias; further down the area mean.
+``benchmarks/resample_fidelity.py``). Upwards deep pixels go through Lanczos over
+four lobes: 1 to 2 dB nearer to either than a cubic kernel, 7 to 9 dB than a
+linear one. 8-bit pixels, JPEGs nearly always, go through the cubic kernel: after
+encoding at quality 95 it is 0.2 dB behind (1 dB against the spectrum), at a
+tenth of the time. Down to one half it is a cubic kernel with a light Gaussian
+before it, so that detail finer than the new grid does not alias; further down
+the area mean.
 """
 
 from __future__ import annotations
@@ -75,7 +78,8 @@ def resize(pixels: Pixels, size: Tuple[int, int]) -> Pixels:
         pixels = cv2.GaussianBlur(pixels, (3, 3) if sigma < 0.5 else (5, 5), sigma, borderType=cv2.BORDER_REFLECT_101)
         result = cv2.resize(pixels, size, interpolation=cv2.INTER_CUBIC)
     else:
-        result = cv2.resize(pixels, size, interpolation=cv2.INTER_LANCZOS4)
+        kernel = cv2.INTER_CUBIC if pixels.dtype == np.uint8 else cv2.INTER_LANCZOS4
+        result = cv2.resize(pixels, size, interpolation=kernel)
     return np.asarray(result)
 
 

@@ -17,7 +17,7 @@ from .resample import decode_jpeg, encode_jpeg, opencv, resize_mask, transform
 from .worker import put_once, read_source
 
 # Raised whenever the same input would give other bytes than before.
-RECIPE = 2
+RECIPE = 3
 RETAG, REWRITE, MASK = "retag", "rewrite", "mask"
 
 
