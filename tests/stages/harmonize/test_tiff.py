@@ -15,9 +15,15 @@ from sensorgate.stages.harmonize import tiff
 from sensorgate.stages.harmonize.exif import TagEdit, TiffBlock
 from sensorgate.stages.harmonize.metadata import retag
 from sensorgate.stages.harmonize.resample import resize
+from sensorgate.stages.harmonize.targets import rewritable
+from sensorgate.stages.harmonize.work import REWRITE, FrameJob, rewrite
+from sensorgate.stages.profile import THERMAL
+from sensorgate.stages.read import read_frame
+from sensorgate.stages.sensors import load_sheet
+from sensorgate.stages.spectrum import classify
 from sensorgate.stages.thresholds import DEFAULTS
 
-from .samples import MAKER_NOTE, texture
+from .samples import MAKER_NOTE, exiftool, real, texture
 
 
 def by_pillow(pixels: np.ndarray, **options) -> bytes:
@@ -175,3 +181,28 @@ def test_a_size_that_lies_takes_no_memory():
     with pytest.raises(FrameError) as caught:
         tiff.decode(bytes(data), DEFAULTS)
     assert caught.value.code in ("frame-too-large", "pixels-not-supported")
+
+
+def test_temperatures_made_from_a_radiometric_jpeg_are_thermal_and_resampled(tmp_path):
+    """A float TIFF with the tags of a real R-JPEG, as converters write it: accepted, scaled, still degrees."""
+    source = real("thermal_samples/dji-zh20t-thermal/DJI_H20T.jpg")
+    y, x = np.mgrid[0:512, 0:640]
+    degrees = (21.0 + 9.0 * np.sin(x / 40.0) * np.cos(y / 30.0)).astype(np.float32)
+    file = tmp_path / "DJI_H20T.tif"
+    Image.fromarray(degrees).save(file)
+    exiftool(file, "-q", "-overwrite_original", "-tagsfromfile", str(source), "-all:all", "-unsafe")
+    frame = read_frame(file)
+    assert (frame.bits, frame.sample_format, frame.model, frame.thermal_payload) == (32, "float", "ZH20T", "")
+    assert classify(frame, load_sheet()).spectrum == THERMAL and not rewritable(frame)
+    job = FrameJob("a", "", "", REWRITE, frame.size_bytes, 640, 512, 960, 768)
+    copy = tmp_path / "copy.tif"
+    copy.write_bytes(rewrite(file.read_bytes(), job, DEFAULTS))
+    again = read_frame(copy)
+    assert (again.bits, again.sample_format, again.width, again.height) == (32, "float", 960, 768)
+    assert (again.time, again.latitude, again.focal_mm) == (frame.time, frame.latitude, frame.focal_mm)
+    with Image.open(copy) as image:
+        found = np.asarray(image)
+    want = 21.0 + 9.0 * np.sin(((np.arange(960) + 0.5) / 1.5 - 0.5) / 40.0) * np.cos(
+        ((np.arange(768)[:, None] + 0.5) / 1.5 - 0.5) / 30.0
+    )
+    assert np.abs(found - want)[8:-8, 8:-8].max() < 0.02
