@@ -2,7 +2,7 @@
 
 Camera axes: x right, y down, z forward. World axes: east, north, up. Pixel
 (0, 0) is the centre of the first pixel. Distortion is k1, k2, p1, p2, k3 in
-OpenCV's order on ray-normalised coordinates.
+OpenCV's order on ray-normalised coordinates, or Pix4D's fisheye polynomial.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Callable, Tuple
 
 import numpy as np
 
@@ -23,6 +23,8 @@ class Camera:
 
     ``focal_ratio`` is focal length in pixels over ``width``. ``center_px`` is
     the principal point minus the image centre ((width-1)/2, (height-1)/2).
+    ``fisheye`` are p2 and p3 of Pix4D's polynomial p(t) = t + p2 t^2 + p3 t^3,
+    t the angle off the axis as a share of 90 degrees; it replaces ``distortion``.
     """
 
     width: int
@@ -30,6 +32,17 @@ class Camera:
     focal_ratio: float
     center_px: Tuple[float, float] = (0.0, 0.0)
     distortion: Tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    fisheye: Tuple[float, ...] = ()
+
+    def bend(self, xy: np.ndarray) -> np.ndarray:
+        """Normalised rays (..., 2) as the lens puts them on the sensor, in focal lengths."""
+        return fish(xy, self.fisheye) if self.fisheye else distort(xy, self.distortion)
+
+    def unbend(self, xy: np.ndarray) -> np.ndarray:
+        """Inverse of ``bend``, to 1e-8."""
+        if not self.fisheye:
+            return undistort(xy, self.distortion)
+        return _solve(xy, lambda guess: fish(guess, self.fisheye), 80)
 
     @property
     def focal_px(self) -> float:
@@ -50,7 +63,13 @@ class Camera:
             self.focal_ratio,
             (self.center_px[0] * ratio, self.center_px[1] * ratio),
             self.distortion,
+            self.fisheye,
         )
+
+    def zoomed(self, factor: float) -> "Camera":
+        """The middle of the picture blown up to the full size: a digital zoom."""
+        center = (self.center_px[0] * factor, self.center_px[1] * factor)
+        return Camera(self.width, self.height, self.focal_ratio * factor, center, self.distortion, self.fisheye)
 
 
 def distort(xy: np.ndarray, coefficients: Tuple[float, ...]) -> np.ndarray:
@@ -70,9 +89,21 @@ def undistort(xy: np.ndarray, coefficients: Tuple[float, ...]) -> np.ndarray:
     """Inverse of ``distort`` by fixed-point iteration, to 1e-8 (a hundred-thousandth of a pixel)."""
     if not any(coefficients):
         return xy
+    return _solve(xy, lambda guess: distort(guess, coefficients), 30)
+
+
+def fish(xy: np.ndarray, coefficients: Tuple[float, ...]) -> np.ndarray:
+    """Pix4D's fisheye on normalised coordinates, shape (..., 2), scaled so that the axis keeps its focal length."""
+    p2, p3 = coefficients
+    r = np.maximum(np.hypot(xy[..., 0], xy[..., 1]), 1e-12)
+    t = np.arctan(r) * 2.0 / math.pi
+    return xy * (t * (1.0 + t * (p2 + t * p3)) * math.pi / 2.0 / r)[..., None]
+
+
+def _solve(xy: np.ndarray, bend: Callable[[np.ndarray], np.ndarray], steps: int) -> np.ndarray:
     guess = xy.copy()
-    for _ in range(30):
-        rest = distort(guess, coefficients) - xy
+    for _ in range(steps):
+        rest = bend(guess) - xy
         guess -= rest
         if float(np.abs(rest).max()) < 1e-8:
             break
@@ -90,7 +121,7 @@ def rays(camera: Camera, step: int = 1) -> Tuple[np.ndarray, np.ndarray]:
     rows = np.arange(0, camera.height + (step if step > 1 else 0), step, dtype=np.float64)
     cx, cy = camera.principal_px
     grid = np.stack(np.meshgrid((columns - cx) / camera.focal_px, (rows - cy) / camera.focal_px), axis=-1)
-    grid = undistort(grid, camera.distortion)
+    grid = camera.unbend(grid)
     return grid[..., 0].astype(np.float32), grid[..., 1].astype(np.float32)
 
 
@@ -118,6 +149,6 @@ def project(points: np.ndarray, camera: Camera, rotation: np.ndarray, center: np
     local = (np.atleast_2d(points) - center) @ rotation.T
     with np.errstate(divide="ignore", invalid="ignore"):
         xy = local[:, :2] / local[:, 2:3]
-    pixels = distort(xy, camera.distortion) * camera.focal_px + np.array(camera.principal_px)
+    pixels = camera.bend(xy) * camera.focal_px + np.array(camera.principal_px)
     pixels[local[:, 2] <= 0] = np.nan
     return pixels

@@ -155,6 +155,108 @@ def thermal(name: str = "thermal", **more: Any) -> Payload:
     )
 
 
+def sequoia(name: str = "sequoia", **more: Any) -> Payload:
+    """Parrot Sequoia, the four narrow bands: 1280x960 at 3.75 um behind fisheye lenses of 3.98 mm."""
+    table = (
+        ("Green", "ms-green", 550, "GRE", (0.0, 0.0), (0.0, 0.0, 0.0), (23.0, -11.5), 1.000),
+        ("Red", "ms-red", 660, "RED", (0.013, 0.0), (0.21, -0.16, 0.07), (-6.5, 8.0), 1.003),
+        ("Red edge", "ms-rededge", 735, "REG", (0.0, 0.013), (-0.14, 0.24, -0.05), (9.0, 4.5), 0.998),
+        ("NIR", "ms-nir", 790, "NIR", (0.013, 0.013), (0.09, 0.11, 0.13), (-3.0, -14.0), 1.006),
+    )
+    bands = tuple(
+        Band(
+            label,
+            Camera(1280, 960, 4.003 * stretch / 4.8, center, fisheye=(0.0059 - 0.0007 * i, -0.137 + 0.002 * i)),
+            (channel,),
+            float(nm),
+            10.0 if nm == 735 else 40.0,
+            (*lever, 0.0),
+            tilt,
+            i,
+            suffix,
+            0.002 * i,
+        )
+        for i, (label, channel, nm, suffix, lever, tilt, center, stretch) in enumerate(table)
+    )
+    values = {
+        "dialect": "parrot-sequoia",
+        "spectrum": MULTISPECTRAL,
+        "focal_35mm": 30,
+        "focal_plane_unit": 4,
+        "serial": "PI040378AA6C000032",
+        "folder": name,
+        "name_pattern": "IMG_240618_100000_{number:04d}_{name}.TIF",
+        "software": "v1.2.0",
+        "noise_dn": 90.0,
+        "vignette": 0.35,
+        "gain": 0.85,
+        **more,
+    }
+    return Payload(id=name, make="Parrot", model="Sequoia", bands=bands, sensor_width_mm=4.8, focal_mm=3.98, **values)
+
+
+def sequoia_rgb(name: str = "sequoia-rgb", **more: Any) -> Payload:
+    """The Sequoia's RGB camera at a quarter: 4608x3456 at 1.34 um, 4.88 mm, rolling shutter, a little late."""
+    values = {
+        "dialect": "parrot-sequoia-rgb",
+        "focal_35mm": 28,
+        "focal_plane_unit": 4,
+        "serial": "PI040378AA6C000032",
+        "folder": "sequoia",
+        "name_pattern": "IMG_240618_100000_{number:04d}_RGB.JPG",
+        "software": "v1.2.0",
+        "distortion": (0.178, -0.4746, -0.0009, -0.00065, 0.402),
+        "center_px": (-9.0, -6.5),
+        **more,
+    }
+    payload = _rgb(name, "Parrot", "Sequoia", (1152, 864), 6.175, 4.88, **values)
+    band = replace(payload.bands[0], lever_m=(0.02, 0.03, 0.0), delay_s=0.058, readout_s=0.047, suffix="RGB")
+    return replace(payload, bands=(band,))
+
+
+def anafi(name: str = "anafi", **more: Any) -> Payload:
+    """Parrot ANAFI at a quarter: 5344x4016 at 1.12 um, 4 mm, rolling shutter of a thirtieth of a second."""
+    values = {
+        "dialect": "parrot",
+        "focal_35mm": 23,
+        "serial": "PI040416BA8H012345",
+        "name_pattern": "P{number:03d}0{number:03d}.JPG",
+        "distortion": (-0.015, 0.009, 0.0, 0.0, 0.0),
+        "center_px": (3.0, -2.5),
+        "software": "Anafi-1.8.2",
+        **more,
+    }
+    payload = _rgb(name, "Parrot", "Anafi", (1336, 1004), 5.985, 4.0, **values)
+    return replace(payload, bands=(replace(payload.bands[0], readout_s=0.033),))
+
+
+def vue_pro(name: str = "vue", **more: Any) -> Payload:
+    """FLIR Vue Pro R 640 with 13 mm: linear 16-bit TIFFs, 17 um pixels."""
+    camera = Camera(640, 512, 13.0 / 10.88, (2.0, -1.2), (-0.02, 0.006, 0.0, 0.0, 0.0))
+    values = {
+        "dialect": "flir",
+        "spectrum": THERMAL,
+        "folder": name,
+        "name_pattern": "20240618_100000_{number:03d}.TIFF",
+        "serial": "0281773",
+        "software": "02.04.00",
+        "noise_dn": 0.06,
+        "blur_px": 0.6,
+        "vignette": 0.0,
+        "options": {"palette": "white-hot", "range_c": (14.0, 54.0)},
+        **more,
+    }
+    return Payload(
+        id=name,
+        make="FLIR",
+        model="Vue Pro R 640 13mm",
+        bands=(Band("LWIR", camera, ("thermal",)),),
+        sensor_width_mm=10.88,
+        focal_mm=13.0,
+        **values,
+    )
+
+
 def with_band_size(payload: Payload, factor: float) -> Payload:
     """The same payload with smaller frames."""
     return replace(payload, bands=tuple(replace(b, camera=b.camera.scaled(factor)) for b in payload.bands))

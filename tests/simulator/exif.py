@@ -173,9 +173,19 @@ def small_jpeg(pixels: np.ndarray, width: int = 160) -> bytes:
 
 
 def tiff_file(
-    pixels: np.ndarray, image: Directory, exif: Directory, gps: Directory, rows_per_strip: int = 100
+    pixels: np.ndarray,
+    image: Directory,
+    exif: Directory,
+    gps: Directory,
+    rows_per_strip: int = 100,
+    directories_first: bool = False,
 ) -> bytes:
-    """An uncompressed TIFF: the strips first, the directories and what hangs on them (XMP) at the end of the file."""
+    """An uncompressed TIFF: the strips first, the directories and what hangs on them (XMP) at the end of the file.
+
+    ``directories_first`` puts one strip behind the directories instead.
+    """
+    if directories_first:
+        rows_per_strip = pixels.shape[0]
     height, width = pixels.shape[:2]
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]
     bits = pixels.dtype.itemsize * 8
@@ -198,5 +208,9 @@ def tiff_file(
         0x011C: ("short", 1),
     }
     main.update(image)
+    if directories_first:
+        behind = 8 + len(tiff_block(main, exif, gps, at=8))
+        main[0x0111] = ("long", [behind])
+        return tiff_header(8) + tiff_block(main, exif, gps, at=8) + data
     at = 8 + len(data)
     return tiff_header(at) + data + tiff_block(main, exif, gps, at=at)

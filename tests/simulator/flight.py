@@ -9,7 +9,7 @@ from typing import List, Optional, Tuple
 import numpy as np
 
 from .camera import Vector
-from .survey import Payload, Reported, Scene, Shot, rng
+from .survey import Band, Payload, Reported, Scene, Shot, rng
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,8 @@ class Plan:
     Heights are above the scene's zero level; ``forward`` and ``side`` are
     overlaps at that height. ``cross`` adds that many strips flown across,
     ``oblique_deg`` tilts the gimbal off nadir, ``transit`` puts that many
-    climbing frames before the first strip.
+    climbing frames before the first strip. ``every_s`` sets the trigger's pace;
+    0 lets it follow from the speed.
     """
 
     height_m: float
@@ -33,6 +34,7 @@ class Plan:
     oblique_deg: float = 0.0
     transit: int = 0
     speed_mps: float = 6.0
+    every_s: float = 0.0
     start_s: float = 36000.0
     first_number: int = 1
     wobble_deg: float = 1.5
@@ -77,7 +79,7 @@ def _stations(payload: Payload, plan: Plan) -> List[Tuple[float, float, float, f
             east = plan.center[0] + a * math.sin(angle) + offset * math.cos(angle)
             north = plan.center[1] + a * math.cos(angle) - offset * math.sin(angle)
             found.append((east, north, plan.height_m, heading if turn > 0 else heading + 180.0, clock))
-            clock += max(1.0, step / plan.speed_mps)
+            clock += plan.every_s or max(1.0, step / plan.speed_mps)
         clock += 8.0
 
     for s in range(plan.strips):
@@ -109,6 +111,8 @@ def fly(payload: Payload, plan: Plan, scene: Scene, seed: int, receiver: Receive
         role = "transit" if index < plan.transit else "survey"
         pitch = -90.0 + plan.oblique_deg + sway[1] * 0.4
         number = plan.first_number + index
+        course = math.radians(yaw)
+        speed = (plan.speed_mps * math.sin(course), plan.speed_mps * math.cos(course))
         capture = f"{payload.id}-{number:04d}"
         for b, band in enumerate(payload.bands):
             shot = Shot(
@@ -123,21 +127,49 @@ def fly(payload: Payload, plan: Plan, scene: Scene, seed: int, receiver: Receive
                 pitch_deg=float(pitch),
                 roll_deg=float(sway[2] * 0.4),
                 time_s=clock,
-                reported=_report(payload, band.name, clock, f"{payload.id}{number:06d}", len(payload.bands) > 1),
+                reported=_report(payload, band, clock, f"{payload.id}{number:06d}", len(payload.bands) > 1),
                 role=role,
                 exposure=exposure,
+                velocity_mps=speed,
             )
-            lens = place + shot.rotation(payload).T @ np.array(band.lever_m)
+            late = np.array([*speed, 0.0]) * band.delay_s
+            lens = place + late + shot.rotation(payload).T @ np.array(band.lever_m)
             shots.append(placed(shot, tuple(float(v) for v in lens), place, scene, receiver, noise))
     return tuple(shots)
 
 
+def beside(shots: Tuple[Shot, ...], payload: Payload, rig: Payload) -> Tuple[Shot, ...]:
+    """The frames of a second camera on the same drone, triggered with the first band of ``rig``."""
+    band, found = payload.bands[0], []
+    for shot in (s for s in shots if s.band == 0):
+        late = np.array([*shot.velocity_mps, 0.0]) * band.delay_s
+        lens = np.array(shot.position) + late + shot.rotation(rig).T @ np.array(band.lever_m)
+        own = _report(payload, band, shot.time_s, "", False)
+        kept = {
+            name: getattr(shot.reported, name)
+            for name in ("latitude", "longitude", "altitude_m", "relative_altitude_m", "yaw_deg", "pitch_deg")
+        }
+        number = int(shot.capture.rsplit("-", 1)[-1])
+        found.append(
+            replace(
+                shot,
+                path="/".join(p for p in (payload.folder, file_name(payload, number, 0)) if p),
+                payload=payload.id,
+                capture=f"{payload.id}-{number:04d}",
+                flight=shot.flight.replace(rig.id, payload.id),
+                position=tuple(float(v) for v in lens),
+                reported=replace(own, roll_deg=shot.reported.roll_deg, **kept),
+            )
+        )
+    return tuple(found)
+
+
 def file_name(payload: Payload, number: int, band: int) -> str:
     """The name that the camera gives a frame."""
-    return payload.name_pattern.format(number=number, band=band + 1)
+    return payload.name_pattern.format(number=number, band=band + 1, name=payload.bands[band].suffix)
 
 
-def _report(payload: Payload, band: str, clock: float, capture: str, rig: bool) -> Reported:
+def _report(payload: Payload, band: Band, clock: float, capture: str, rig: bool) -> Reported:
     silent = bool(payload.options.get("no_focal"))
     width = payload.bands[0].camera.width
     return Reported(
@@ -146,12 +178,12 @@ def _report(payload: Payload, band: str, clock: float, capture: str, rig: bool) 
         serial=payload.serial,
         lens=payload.lens,
         software=payload.software,
-        time_s=clock,
+        time_s=clock + band.delay_s,
         focal_mm=None if silent else payload.focal_mm,
         focal_35mm=None if silent else payload.focal_35mm,
         focal_plane_per_mm=width / payload.sensor_width_mm if payload.focal_plane_unit else None,
         capture_id=capture if rig else "",
-        band_name=band if rig else "",
+        band_name=band.name if rig else "",
     )
 
 

@@ -97,6 +97,44 @@ def resize_one(survey: Survey, path: str, factor: float) -> Survey:
     return change_shots(survey, change)
 
 
+def undefine(survey: Survey, payload: str, groups: Iterable[str], only: Optional[Choice] = None) -> Survey:
+    """Write groups of rationals as 0/0 (the groups are listed in ``dialects``)."""
+    gone = frozenset(groups)
+    return report(survey, "undefined-" + "-".join(sorted(gone)), payload, only, undefined=gone)
+
+
+def swap_captures(survey: Survey, payload: str, band: str, first: int, second: int) -> Survey:
+    """One band's files of two captures carry each other's capture ids."""
+    number = [b.name for b in survey.payload(payload).bands].index(band)
+    own = [s for s in survey.shots if s.payload == payload and s.band == number]
+    a, b = own[first], own[second]
+    other = {a.path: b.reported.capture_id, b.path: a.reported.capture_id}
+
+    def change(shot: Shot, _: int) -> Shot:
+        return _told(shot, "swapped-capture", capture_id=other[shot.path]) if shot.path in other else shot
+
+    return change_shots(survey, change, payload)
+
+
+def offset_altitudes(survey: Survey, payload: str, metres: float, only: Optional[Choice] = None) -> Survey:
+    """Another vertical datum, or a barometer set wrong: absolute altitudes are off as a whole."""
+    return shift_gps(survey, payload, 0.0, 0.0, metres, only)
+
+
+def zoom(survey: Survey, payload: str, factor: float, only: Choice) -> Survey:
+    """Frames taken with digital zoom: the picture shows it, the zoom and the 35 mm tag tell it, the focal does not."""
+
+    def change(shot: Shot, index: int) -> Shot:
+        if not only(shot, index):
+            return shot
+        camera = shot.optics(survey.payload(shot.payload)).zoomed(factor)
+        focal = shot.reported.focal_35mm
+        told = replace(shot.reported, digital_zoom=factor, focal_35mm=focal * factor if focal else None)
+        return replace(shot, camera=camera, reported=told, lies=(*shot.lies, "digital-zoom"))
+
+    return change_shots(survey, change, payload)
+
+
 def spoil(survey: Survey, path: str, kind: str, **arguments: Any) -> Survey:
     """Let something happen to a finished file (``filelies.KINDS``)."""
     return replace(survey, file_lies=(*survey.file_lies, FileLie(path, kind, arguments)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Dict, List, Tuple, Union
+from typing import Dict, List, Optional, Tuple, Union
 
 import numpy as np
 
@@ -18,6 +18,8 @@ EDGE_STEP = 32
 WALL_TEXEL_M = 0.5
 WALL_LIGHT = 0.72
 STEEPEST = 8.0
+# Metres east and north that the lens has moved when a pixel is read, per pixel.
+Moved = Tuple[np.ndarray, np.ndarray]
 
 
 @functools.lru_cache(maxsize=8)
@@ -52,12 +54,16 @@ def footprint(camera: Camera, rotation: np.ndarray, drop_m: float) -> Tuple[np.n
 class _Heights:
     """The height grid as cv2 samples it: ray parameter -> terrain height."""
 
-    def __init__(self, world: World, center: np.ndarray, east: np.ndarray, north: np.ndarray) -> None:
+    def __init__(
+        self, world: World, center: np.ndarray, east: np.ndarray, north: np.ndarray, moved: Optional[Moved] = None
+    ) -> None:
         cell = np.float32(world.cell_m)
         self.grid = world.ground.height
         self.up = float(center[2])
-        self.u0 = np.float32((center[0] - world.west) / world.cell_m - 0.5)
-        self.v0 = np.float32((world.north - center[1]) / world.cell_m - 0.5)
+        self.u0: Union[np.ndarray, np.float32] = np.float32((center[0] - world.west) / world.cell_m - 0.5)
+        self.v0: Union[np.ndarray, np.float32] = np.float32((world.north - center[1]) / world.cell_m - 0.5)
+        if moved is not None:
+            self.u0, self.v0 = self.u0 + moved[0] / cell, self.v0 - moved[1] / cell
         self.du, self.dv = east / cell, -north / cell
 
     def at(self, z: Union[np.ndarray, float]) -> np.ndarray:
@@ -87,7 +93,24 @@ def _march(field: _Heights, levels: List[np.ndarray]) -> Tuple[np.ndarray, np.nd
     return low, high
 
 
-def hit(world: World, camera: Camera, rotation: np.ndarray, center: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+def _moved(camera: Camera, drift_m: Tuple[float, float], step: int) -> Optional[Moved]:
+    """What rows read one after another move a lens by, against the middle row; the shape of ``_slopes``."""
+    if drift_m == (0.0, 0.0):
+        return None
+    rows = np.arange(0, camera.height + (step if step > 1 else 0), step, dtype=np.float32)
+    columns = len(np.arange(0, camera.width + (step if step > 1 else 0), step))
+    share = ((rows + np.float32(0.5)) / np.float32(camera.height) - np.float32(0.5))[:, None]
+    full = np.broadcast_to(share, (len(rows), columns))
+    return full * np.float32(drift_m[0]), full * np.float32(drift_m[1])
+
+
+def hit(
+    world: World,
+    camera: Camera,
+    rotation: np.ndarray,
+    center: np.ndarray,
+    drift_m: Tuple[float, float] = (0.0, 0.0),
+) -> Tuple[np.ndarray, np.ndarray]:
     """Height (m) of the ground that every pixel sees, and 1 where that is a wall; float32 (height, width).
 
     A coarse march down every third ray finds the first surface it meets
@@ -98,7 +121,7 @@ def hit(world: World, camera: Camera, rotation: np.ndarray, center: np.ndarray) 
     import cv2
 
     east, north = _slopes(camera, rotation, STEP)
-    field = _Heights(world, center, east, north)
+    field = _Heights(world, center, east, north, _moved(camera, drift_m, STEP))
     top = min(float(world.ground.height.max()), float(center[2]) - 0.5)
     bottom = float(world.ground.height.min()) - 0.01
     steepest = math.hypot(float(np.abs(east).max()), float(np.abs(north).max()))
@@ -116,7 +139,8 @@ def hit(world: World, camera: Camera, rotation: np.ndarray, center: np.ndarray) 
 
     z = full(coarse)
     east, north = _slopes(camera, rotation, 1)
-    fine = _Heights(world, center, east, north)
+    moved = _moved(camera, drift_m, 1)
+    fine = _Heights(world, center, east, north, moved)
     for _ in range(2):
         settled = fine.at(z)
         z = np.where(np.abs(settled - z) < 0.4, settled, z)
@@ -125,7 +149,8 @@ def hit(world: World, camera: Camera, rotation: np.ndarray, center: np.ndarray) 
     if len(rough):
         # cv2 takes grids, not lists: fold the rough pixels into rows of a fixed length.
         rough = np.resize(rough, (-(-len(rough) // 1024), 1024))
-        edge = _Heights(world, center, east.ravel()[rough], north.ravel()[rough])
+        there = None if moved is None else (moved[0].ravel()[rough], moved[1].ravel()[rough])
+        edge = _Heights(world, center, east.ravel()[rough], north.ravel()[rough], there)
         start, end = full(most).ravel()[rough] + np.float32(0.3), full(least).ravel()[rough] - np.float32(0.3)
         steps = [start + np.float32(k / EDGE_STEPS) * (end - start) for k in range(EDGE_STEPS + 1)]
         low, high = _march(edge, steps)
@@ -136,12 +161,21 @@ def hit(world: World, camera: Camera, rotation: np.ndarray, center: np.ndarray) 
 
 
 def sample(
-    world: World, channels: Tuple[str, ...], camera: Camera, rotation: np.ndarray, center: np.ndarray
+    world: World,
+    channels: Tuple[str, ...],
+    camera: Camera,
+    rotation: np.ndarray,
+    center: np.ndarray,
+    drift_m: Tuple[float, float] = (0.0, 0.0),
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """The world's texture as the lens sees it, and the height under every pixel."""
+    """The world's texture as the lens sees it, and the height under every pixel.
+
+    ``drift_m`` is how far the lens moves from the first row read to the last, ``center`` where it is at the middle one.
+    """
     import cv2
 
-    z, wall = hit(world, camera, rotation, center)
+    z, wall = hit(world, camera, rotation, center, drift_m)
+    moved = _moved(camera, drift_m, 1)
     east, north = _slopes(camera, rotation, 1)
     gsd = (float(center[2]) - float(np.median(z))) / camera.focal_px
     drop = np.float32(center[2]) - z
@@ -151,6 +185,8 @@ def sample(
         rows = world.ground.shape[0] * world.ground.texel_m / texture.shape[0]
         u = np.float32((center[0] - world.west) / texel - 0.5) + east / np.float32(texel) * drop
         v = np.float32((world.north - center[1]) / rows - 0.5) - north / np.float32(rows) * drop
+        if moved is not None:
+            u, v = u + moved[0] / np.float32(texel), v - moved[1] / np.float32(rows)
         return cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
 
     seen = look_up(gsd)

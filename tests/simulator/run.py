@@ -10,7 +10,7 @@ from typing import Callable, Dict, List, Optional, Set, Tuple, Union
 import numpy as np
 
 from . import renderer
-from .camera import project
+from .camera import Camera, project
 from .dialects import BLACK_LEVEL, WRITERS, Claim
 from .filelies import KINDS
 from .geo import utm, utm_zone
@@ -114,7 +114,7 @@ def render_shot(world: World, payload: Payload, shot: Shot, seed: int) -> Tuple[
     if shot.role == "panel":
         shot = at_hand(world, shot)
     rotation, center = shot.rotation(payload), np.array(shot.position)
-    texture, z = renderer.sample(world, band.channels, camera, rotation, center)
+    texture, z = renderer.sample(world, band.channels, camera, rotation, center, shot.drift_m(payload))
     if shot.role == "panel":
         texture = renderer.with_panel(texture)
     gen = rng(seed, "noise", shot.path)
@@ -155,6 +155,7 @@ def render_shot(world: World, payload: Payload, shot: Shot, seed: int) -> Tuple[
             camera.distortion,
             payload.sensor_width_mm,
             camera.focal_ratio * payload.sensor_width_mm,
+            camera.fisheye,
         ),
         center_m=shot.position,
         rotation=tuple(tuple(float(v) for v in row) for row in rotation),
@@ -219,7 +220,7 @@ def _points(survey: Survey, worlds: Dict[str, World], frames: Dict[str, TrueFram
                 continue
             payload = survey.payload(shot.payload)
             camera, center = shot.optics(payload), np.array(shot.position)
-            x, y = project(xyz, camera, shot.rotation(payload), center)[0]
+            x, y = seen_at(xyz, camera, shot, payload)
             inside = EDGE_PX <= x < camera.width - EDGE_PX and EDGE_PX <= y < camera.height - EDGE_PX
             if inside and world.visible(xyz, center):
                 marks.append(TrueMark(path, float(x), float(y)))
@@ -241,6 +242,19 @@ def _points(survey: Survey, worlds: Dict[str, World], frames: Dict[str, TrueFram
     return found
 
 
+def seen_at(xyz: np.ndarray, camera: Camera, shot: Shot, payload: Payload) -> Tuple[float, float]:
+    """The pixel of a point; where rows are read one after another, from where the lens is at that row."""
+    rotation, center = shot.rotation(payload), np.array(shot.position)
+    drift = np.array([*shot.drift_m(payload), 0.0])
+    x, y = project(xyz, camera, rotation, center)[0]
+    for _ in range(4 if drift.any() else 0):
+        share = (y + 0.5) / camera.height - 0.5
+        if not np.isfinite(share):
+            break
+        x, y = project(xyz, camera, rotation, center + drift * share)[0]
+    return float(x), float(y)
+
+
 def _marked_by_hand(payload: Payload, band: int) -> bool:
     """People mark targets in RGB frames and in one band of a rig, hardly ever in thermal ones."""
     if payload.spectrum == MULTISPECTRAL:
@@ -252,8 +266,9 @@ def _marked_by_hand(payload: Payload, band: int) -> bool:
 def gcp_text(points: List[TruePoint], header: str, marked: Set[str]) -> str:
     """ODM's ``gcp_list.txt``: a line that names the system, then x y z pixel-x pixel-y image name.
 
-    Only the frames in ``marked`` get lines. ``header`` is ``utm`` (the words ODM reads), ``epsg`` or ``wgs84``. 0, 0 is
-    the centre of the first pixel, as OpenSfM takes it.
+    Check points stand in it as well: their names begin with "check". Only the frames in ``marked`` get lines.
+    ``header`` is ``utm`` (the words ODM reads), ``epsg`` or ``wgs84``. 0, 0 is the centre of the first pixel, as
+    OpenSfM takes it.
     """
     zone = utm_zone(points[0].longitude)
     south = points[0].latitude < 0
@@ -264,8 +279,6 @@ def gcp_text(points: List[TruePoint], header: str, marked: Set[str]) -> str:
     }
     lines = [titles[header]]
     for point in points:
-        if point.role != "gcp":
-            continue
         if header == "wgs84":
             x, y, digits = point.longitude, point.latitude, 9
         else:

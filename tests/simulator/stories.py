@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Callable, Dict, Tuple
 
 from . import catalogue, lies
-from .flight import RTK, Plan, Receiver, fly
+from .flight import RTK, Plan, Receiver, beside, fly
 from .geo import Origin
 from .survey import ControlPoint, Payload, Scene, Shot, Survey, rng
 
@@ -101,14 +101,14 @@ def two_lenses(seed: int) -> Survey:
 
 
 def firmware_drift(seed: int) -> Survey:
-    """An update changes the reported focal by 5 % in mid-survey; the lens is one and the same."""
-    return replace(lies.drift_focal(clean(seed), "p4p", 0.05), name="firmware-drift")
+    """An update changes the reported focal by 4 % in mid-survey; the lens is one and the same."""
+    return replace(lies.drift_focal(clean(seed), "p4p", 0.04), name="firmware-drift")
 
 
 def gps_shift(seed: int) -> Survey:
-    """The second drone's GPS lies 14 m off as a whole; its geometry is good."""
+    """The second drone's GPS lies 30 m off as a whole, and 21 m in height; its geometry is good."""
     p4p, p4 = catalogue.phantom4pro(project="rgb"), catalogue.phantom4(project="rgb")
-    shifted = Receiver(bias_m=(12.0, -7.0, 0.0), altitude_bias_m=-21.0)
+    shifted = Receiver(bias_m=(26.0, -15.0, 0.0), altitude_bias_m=-21.0)
     return _survey(
         "gps-shift",
         (p4p, fly(p4p, Plan(60.0, 3, 6), GROUND, seed, RTK)),
@@ -185,6 +185,131 @@ def obliques(seed: int) -> Survey:
     )
 
 
+def small(payload: Payload) -> Payload:
+    """The same payload at half its pixels a side: enough to align, quick to render."""
+    return catalogue.with_band_size(payload, 0.5)
+
+
+def thermal_mixed(seed: int) -> Survey:
+    """An RGB drone and a FLIR Vue Pro R over the same ground in one folder."""
+    camera = small(catalogue.phantom4pro(project="rgb", folder=""))
+    heat = catalogue.vue_pro(project="thermal", folder="")
+    return _survey(
+        "thermal-mixed",
+        (camera, fly(camera, Plan(50.0, 2, 5, side=0.6), GROUND, seed)),
+        (heat, fly(heat, Plan(60.0, 2, 6, forward=0.78, side=0.62, start_s=39600.0), GROUND, seed)),
+    )
+
+
+def second_scene(seed: int) -> Survey:
+    """Six frames of another field whose GPS claims this one."""
+    camera = small(catalogue.phantom4pro(project="rgb"))
+    other = small(catalogue.compact(folder="p4p", route="isolate", project="stranger"))
+    elsewhere = Scene("elsewhere", HOME, key="elsewhere")
+    return _survey(
+        "second-scene",
+        (camera, fly(camera, Plan(50.0, 3, 5, side=0.6), GROUND, seed)),
+        (other, fly(other, Plan(50.0, 2, 4, side=0.6, start_s=39600.0, first_number=501), elsewhere, seed)),
+        scenes=(GROUND, elsewhere),
+    )
+
+
+def five_frames(seed: int) -> Survey:
+    """A second drone that took five frames over the middle of the first one's block."""
+    camera = small(catalogue.phantom4pro(project="rgb"))
+    few = small(catalogue.anafi(project="rgb"))
+    return _survey(
+        "five-frames",
+        (camera, fly(camera, Plan(50.0, 3, 5, side=0.6), GROUND, seed)),
+        (few, fly(few, Plan(50.0, 1, 5, heading_deg=90.0, start_s=39600.0), GROUND, seed)),
+    )
+
+
+def two_surveys(seed: int) -> Survey:
+    """One camera's card with two jobs on it, three kilometres and two hours apart."""
+    camera = small(catalogue.phantom4pro(project="first"))
+    again = replace(camera, id="p4p-again", project="second")
+    far = Scene("far", FAR, key="far")
+    return _survey(
+        "two-surveys",
+        (camera, fly(camera, Plan(50.0, 2, 5, side=0.6), GROUND, seed)),
+        (again, fly(again, Plan(50.0, 2, 4, side=0.6, start_s=43200.0, first_number=101), far, seed)),
+        scenes=(GROUND, far),
+    )
+
+
+def two_areas(seed: int) -> Survey:
+    """One flight over two fields with two hundred metres between them."""
+    camera = small(catalogue.phantom4pro(project="rgb"))
+    here = Plan(40.0, 2, 4, side=0.6, name="both")
+    there = Plan(40.0, 2, 4, center=(260.0, 20.0), side=0.6, start_s=36090.0, first_number=9, name="both")
+    return _survey("two-areas", (camera, fly(camera, here, GROUND, seed)), (camera, fly(camera, there, GROUND, seed)))
+
+
+def digital_zoom(seed: int) -> Survey:
+    """Every fourth frame of a block was taken with digital zoom at 1.6."""
+    camera = small(catalogue.phantom4pro())
+    survey = _survey("digital-zoom", (camera, fly(camera, Plan(50.0, 3, 6, side=0.65, forward=0.8), GROUND, seed)))
+    return lies.zoom(survey, "p4p", 1.6, lambda shot, index: index % 4 == 2)
+
+
+def parrot_rig(seed: int) -> Survey:
+    """A Sequoia: four bands and the RGB camera of one rig in one folder, the bands read a little apart in motion."""
+    rig, colour = catalogue.sequoia(project="multispectral"), small(catalogue.sequoia_rgb(project="rgb"))
+    bands = fly(rig, Plan(60.0, 2, 4, forward=0.8, side=0.65, speed_mps=10.0, every_s=1.5), GROUND, seed)
+    return _survey("parrot-rig", (rig, bands), (colour, beside(bands, colour, rig)))
+
+
+def rolling_shutter(seed: int) -> Survey:
+    """An ANAFI at 9 m/s whose rows are read one after another, with control on the ground."""
+    camera = small(catalogue.anafi())
+    survey = _survey("rolling-shutter", (camera, fly(camera, Plan(50.0, 3, 5, speed_mps=9.0), GROUND, seed)))
+    return replace(survey, points=_targets(seed, (30.0, 22.0), 5, 3))
+
+
+def wrong_sheet(seed: int) -> Survey:
+    """A clean block with control; ``WRONG_SHEET`` says a focal 5 % too long."""
+    camera = small(catalogue.phantom4pro())
+    survey = _survey("wrong-sheet", (camera, fly(camera, Plan(50.0, 3, 5), GROUND, seed)))
+    return replace(survey, points=_targets(seed, (30.0, 22.0), 5, 3))
+
+
+WRONG_SHEET = "make,model,width,height,sensor_width_mm,focal_mm\nDJI,FC6310,684,456,13.2,9.24\n"
+
+
+def bowl(seed: int) -> Survey:
+    """A lens that nothing straightens, calibrated in XMP, over a plain nadir block with RTK: set free, it bows."""
+    camera = catalogue.with_band_size(catalogue.kestrel(calibration="dewarp"), 0.6)
+    return _survey("bowl", (camera, fly(camera, Plan(60.0, 3, 8, forward=0.7, side=0.6), GROUND, seed, RTK)))
+
+
+def undefined_rationals(seed: int) -> Survey:
+    """A camera that writes 0/0 for what it does not know: focal plane, zoom, exposure, and the focal of a few."""
+    camera = small(catalogue.compact())
+    survey = _survey("undefined-rationals", (camera, fly(camera, Plan(50.0, 2, 5, side=0.6), GROUND, seed)))
+    survey = lies.undefine(survey, "compact", ("focal-plane", "zoom", "exposure"))
+    gone = ("focal-plane", "zoom", "exposure", "focal")
+    return lies.undefine(survey, "compact", gone, only=lambda shot, index: index in (3, 6))
+
+
+def swapped_captures(seed: int) -> Survey:
+    """A rig whose NIR files of two captures carry each other's capture ids."""
+    rig = small(catalogue.micasense())
+    survey = _survey("swapped-captures", (rig, fly(rig, Plan(60.0, 2, 4), GROUND, seed)))
+    return lies.swap_captures(survey, "rededge", "NIR", 2, 5)
+
+
+def offset_altitudes(seed: int) -> Survey:
+    """The second flight of one drone counts its altitudes from another zero, 47 m higher."""
+    camera = small(catalogue.phantom4pro())
+    survey = _survey(
+        "offset-altitudes",
+        (camera, fly(camera, Plan(50.0, 3, 5, side=0.6), GROUND, seed)),
+        (camera, fly(camera, Plan(50.0, 2, 4, heading_deg=90.0, start_s=43200.0, first_number=101), GROUND, seed)),
+    )
+    return lies.offset_altitudes(survey, "p4p", 47.0, lambda shot, index: index >= 15)
+
+
 STORIES: Dict[str, Callable[[int], Survey]] = {
     "tiny": tiny,
     "clean": clean,
@@ -201,6 +326,19 @@ STORIES: Dict[str, Callable[[int], Survey]] = {
     "stale-tags": stale_tags,
     "one-other-size": one_other_size,
     "obliques": obliques,
+    "thermal-mixed": thermal_mixed,
+    "second-scene": second_scene,
+    "five-frames": five_frames,
+    "two-surveys": two_surveys,
+    "two-areas": two_areas,
+    "digital-zoom": digital_zoom,
+    "parrot-rig": parrot_rig,
+    "rolling-shutter": rolling_shutter,
+    "wrong-sheet": wrong_sheet,
+    "bowl": bowl,
+    "undefined-rationals": undefined_rationals,
+    "swapped-captures": swapped_captures,
+    "offset-altitudes": offset_altitudes,
 }
 
 

@@ -30,7 +30,10 @@ class Band:
     """One lens of a payload. ``channels`` name the world's layers that it sees.
 
     ``lever_m`` is its place in the payload's camera axes (m), ``tilt_deg`` its
-    mounting rotation about them.
+    mounting rotation about them, ``suffix`` what a file name may say of it.
+    ``delay_s`` is how much later than the rig's trigger it looks, ``readout_s``
+    how long its rows take from the first to the last (0 = global shutter); both
+    show while the drone moves.
     """
 
     name: str
@@ -41,6 +44,9 @@ class Band:
     lever_m: Vector = (0.0, 0.0, 0.0)
     tilt_deg: Vector = (0.0, 0.0, 0.0)
     rig_index: int = 0
+    suffix: str = ""
+    delay_s: float = 0.0
+    readout_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,7 @@ class Payload:
 
 @dataclass(frozen=True)
 class Reported:
-    """What the header says. ``drop`` names groups of tags that are not written (see ``dialects``)."""
+    """What the header says. ``drop`` names groups of tags that are not written, ``undefined`` those written as 0/0."""
 
     make: str
     model: str
@@ -113,6 +119,7 @@ class Reported:
     band_name: str = ""
     digital_zoom: float = 1.0
     drop: FrozenSet[str] = frozenset()
+    undefined: FrozenSet[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -120,7 +127,7 @@ class Shot:
     """One frame: which lens, from where, over which scene, and what its file will claim.
 
     ``position`` is the lens' centre in the scene's east, north, up (m).
-    ``role`` is ``survey``, ``transit`` or ``panel``.
+    ``role`` is ``survey``, ``transit`` or ``panel``. ``velocity_mps`` is east and north.
     """
 
     path: str
@@ -139,6 +146,12 @@ class Shot:
     exposure: float = 1.0
     camera: Optional[Camera] = None
     lies: Tuple[str, ...] = ()
+    velocity_mps: Tuple[float, float] = (0.0, 0.0)
+
+    def drift_m(self, payload: "Payload") -> Tuple[float, float]:
+        """How far the lens moves east and north from the first row read to the last."""
+        readout = payload.bands[self.band].readout_s
+        return self.velocity_mps[0] * readout, self.velocity_mps[1] * readout
 
     def rotation(self, payload: Payload) -> np.ndarray:
         """World-to-camera rotation of this lens."""
@@ -162,7 +175,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class ControlPoint:
-    """A painted target. ``role`` is ``gcp`` or ``check`` (held out of the GCP file)."""
+    """A painted target. ``role`` is ``gcp`` or ``check`` (named so in the GCP file: held out)."""
 
     id: str
     scene: str

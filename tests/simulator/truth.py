@@ -19,6 +19,7 @@ class TrueCamera:
     distortion: Tuple[float, ...]
     sensor_width_mm: float
     focal_mm: float
+    fisheye: Tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class TrueMark:
 
 @dataclass(frozen=True)
 class TruePoint:
-    """A painted target: ``role`` is ``gcp`` (in gcp_list.txt) or ``check`` (held out)."""
+    """A painted target: ``role`` is ``gcp`` or ``check`` (its name in gcp_list.txt says that it is held out)."""
 
     id: str
     role: str
