@@ -15,8 +15,10 @@ from typing import Any, Dict, Iterable, List, Mapping, Optional
 from ...stages.record import write_text
 
 INFO, WARNING, ERROR = "INFO", "WARNING", "ERROR"
-# Where a NodeODM on this machine listens to ODM.
+# Where every NodeODM of a machine listens to ODM. Of several only one hears what goes to the first address, as ODM
+# sends it; what goes to the second reaches them all.
 PROGRESS_PORT = 6367
+_LISTENERS = ("127.0.0.1", "127.255.255.255")
 _WIDTH = 160
 _PLAIN = str.maketrans({"…": "...", "→": "->", "–": "-", "—": "-", "·": "|", "×": "x", "≤": "<=", "≥": ">=", "σ": "s"})
 
@@ -53,7 +55,9 @@ class Broadcast:
         self._last = value
         message = f"PGUP/{os.getpid()}/{self._name}/{value}".encode("utf-8", "replace")
         with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-            out.sendto(message, ("127.0.0.1", self._port))
+            out.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+            for listener in _LISTENERS:
+                out.sendto(message, (listener, self._port))
 
 
 def _now() -> datetime.datetime:

@@ -213,6 +213,3 @@ def main() -> int:
         return 1
     write_text(place.own / RESULT, dumps(answer))
     return 0
-
-
-__all__ = ["AS_IS", "Answer", "Request", "main", "missing_solver", "perform", "seen_of", "settings_of"]

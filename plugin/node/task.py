@@ -9,7 +9,7 @@ import re
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ...stages.errors import Cancelled
 from ...stages.record import dumps, from_plain, to_plain, write_text
@@ -21,9 +21,9 @@ from . import options
 from .child import Children, Heard, Stopped
 from .command import Command, Grammar, Word, parse, read_grammar, spelled
 from .console import ERROR, INFO, WARNING, Broadcast, prepend_stages, say, write_refusal_log
-from .decide import AS_IS, REFUSE, Decision, after_alignment
+from .decide import AS_IS, REFUSE, after_alignment
 from .job import REQUEST, RESULT, Answer, Request
-from .workplace import IMAGES, MAIN, TASK, Busy, Part, State, Workplace, image_groups, names_in
+from .workplace import IMAGES, Busy, Part, State, Workplace, image_groups, names_in
 
 # EX_DATAERR: a node shows it as "Processing failed (65)", and no program of ODM ends with it.
 REFUSED = 65
@@ -233,13 +233,24 @@ class Task:
 
     # --- ODM -----------------------------------------------------------------------------
 
-    def _odm(self, words: Sequence[str], heard: Optional[Heard] = None) -> int:
+    def _odm(self, words: Sequence[str], heard: Heard) -> int:
         return self.children.run([str(self.odm / "run.sh"), *words], cwd=self.odm, heard=heard)
 
     def _odm_as_asked(self, more: Sequence[str] = ()) -> int:
         """ODM with its own words, as if we were not there, and with a calibration that came with the images."""
         words = [part for word in self.command.words for part in word.spelled()]
-        return self._odm([*more, *words])
+        return self._odm([*more, *words], self._passing_on(lambda percent: percent))
+
+    def _passing_on(self, of_task: Callable[[float], float]) -> Heard:
+        """Hear of the ends of ODM's stages and tell every node how far the task is."""
+        broadcast = Broadcast(self.command.name)
+
+        def heard(line: str) -> None:
+            found = _FINISHED.search(_ANSI.sub("", line))
+            if found and found.group(1) in _PERCENT:
+                broadcast(of_task(_PERCENT[found.group(1)]))
+
+        return heard
 
     def _cameras(self, place: Workplace) -> List[str]:
         """``--cameras`` with the calibration that was sent among the images, where nobody gave another."""
@@ -348,17 +359,13 @@ class Task:
         return str(target)
 
     def _run_part(self, run: _Odm, done: int, frames: int, total: int, alone: bool) -> int:
-        broadcast = Broadcast(self.command.name)
         ahead = self.limits.node_ahead_percent
 
-        def heard(line: str) -> None:
-            found = _FINISHED.search(_ANSI.sub("", line))
-            if found and found.group(1) in _PERCENT:
-                share = (done + frames * _PERCENT[found.group(1)] / 100.0) / max(1, total)
-                broadcast(ahead + (100.0 - ahead) * share)
+        def of_task(percent: float) -> float:
+            # ODM's first stage ends at more than ours take, so a part that is alone needs no scale.
+            return percent if alone else ahead + (100.0 - ahead) * (done + frames * percent / 100.0) / max(1, total)
 
-        direct = alone and run.name == self.command.name
-        return self._odm(spelled(run.words, run.project_path, run.name), None if direct else heard)
+        return self._odm(spelled(run.words, run.project_path, run.name), self._passing_on(of_task))
 
 
 def _clear(place: Workplace) -> None:
@@ -398,4 +405,4 @@ def _summary(told: Sequence[Mapping[str, Any]]) -> List[str]:
     return result
 
 
-__all__ = ["MAIN", "REFUSED", "TASK", "Decision", "Task", "main"]
+__all__ = ["REFUSED", "Task", "main"]

@@ -1,4 +1,4 @@
-"""A small stand-in for an ODM: its run script, its option parser, and the files that it leaves. Behaves as ODM was seen to."""
+"""A small stand-in for an ODM: its run script, its option parser, and the files that it leaves."""
 
 from __future__ import annotations
 

@@ -74,11 +74,17 @@ def test_strict_takes_one_proven_part_and_names_the_others():
 def test_bands_of_a_capture_count_once():
     frames = [{"path": f"{c}_{b}", "payload": "rig", "capture": c} for c in "abc" for b in range(5)]
     frames += [{"path": f"j{n}", "payload": "rgb", "capture": ""} for n in range(4)]
-    report = {
-        "frames": frames,
-        "subprojects": [
-            {"name": "ms", "spectrum": "multispectral", "route": "proceed", "reasons": [], "options": [], "frames": [f["path"] for f in frames[:15]]},
-            {"name": "rgb", "spectrum": "rgb", "route": "proceed", "reasons": [], "options": [], "frames": [f["path"] for f in frames[15:]]},
-        ],
-    }  # fmt: skip
+    own = {"ms": frames[:15], "rgb": frames[15:]}
+    projects = [
+        {
+            "name": name,
+            "spectrum": {"ms": "multispectral"}.get(name, name),
+            "route": "proceed",
+            "reasons": [],
+            "options": [],
+            "frames": [f["path"] for f in held],
+        }
+        for name, held in own.items()
+    ]
+    report = {"frames": frames, "subprojects": projects}
     assert [(p.name, p.captures, p.frames) for p in parts_from(report)] == [("rgb", 4, 4), ("ms", 3, 15)]
