@@ -13,6 +13,7 @@ from ..stages.finding import Finding, sort_key
 from ..stages.gate import BLOCKED
 from ..stages.harmonize.model import HarmonizedFrame
 from ..stages.progress import Cancel, Progress, check
+from ..stages.proven import apart
 from ..stages.read import Found
 from ..stages.record import dumps, to_plain, write_text
 from .harmonizing import harmonize
@@ -147,7 +148,8 @@ def _produce(
     for group in ready.groups:
         check(cancel)
         placed.extend(_prove(group, inspection, folder, ready.copies, progress, cancel))
-    placed = _apart(placed)
+    groups = apart([(p.group.spectrum, p.group.area, p.proven) for p in placed])
+    placed = [replace(p, proven=g) for p, g in zip(placed, groups)]
     written = place(placed, inspection, ready, folder.folder("result"))
     frames = tuple(replace(f, excluded=ready.dropped.get(f.path, f.excluded)) for f in inspection.survey.frames)
     inspection = replace(inspection, survey=replace(inspection.survey, frames=frames))
@@ -209,26 +211,6 @@ def _prove(
         )
         folder.keep(kept_name, proof)
     return [Placed(group, proven) for proven in proof.groups]
-
-
-def _apart(placed: Sequence[Placed]) -> List[Placed]:
-    """A block that stands over other ground than most of its spectrum was slipped in: it is isolated, and says so."""
-    frames: Dict[Tuple[str, int], int] = {}
-    for item in placed:
-        key = (item.group.spectrum, item.group.area)
-        frames[key] = frames.get(key, 0) + len(item.proven.frames)
-    main = {
-        spectrum: min((k[1] for k in frames if k[0] == spectrum), key=lambda a: (-frames[(spectrum, a)], a))
-        for spectrum in {k[0] for k in frames}
-    }
-    result: List[Placed] = []
-    for item in placed:
-        if item.group.area != main[item.group.spectrum] and item.proven.route in ("proceed", "pairwise"):
-            why = "It stands over another place than most frames of its spectrum, and aligns alone."
-            proven = replace(item.proven, route="isolate", reasons=(why, *item.proven.reasons))
-            item = replace(item, proven=proven)
-        result.append(item)
-    return result
 
 
 def _conserve(report: Mapping[str, Any]) -> None:

@@ -11,6 +11,7 @@ from .align.judge import UNPROVEN
 from .align.model import AlignRequest
 from .align.prepare import sorted_request
 from .ladder import Ladder
+from .large import climb_sampled
 from .progress import Cancel, Progress
 from .proven import ISOLATE, PAIRWISE, PROCEED, ROUTES, Proof, ProvenGroup, apart, named
 from .router import FALLBACK_STRATEGY, PROCEED_STRATEGY, PipelineRouter
@@ -46,13 +47,14 @@ def prove(
 
     Raises ``MissingDependency``, ``Cancelled`` and ``UsageError`` as ``align``
     does. A solver that dies on a group makes the group unproven, with its
-    last words as the reason.
+    last words as the reason. A block of more than ``sample_above`` frames is
+    judged by samples.
     """
     ladder = Ladder(Path(workspace), thresholds, engine, max_dim, progress, cancel)
     request = sorted_request(request)
     found: List[ProvenGroup] = []
     for number, block in enumerate(blocks(request, thresholds)):
-        groups = ladder.climb(block, PROCEED)
+        groups = climb_sampled(ladder, block, thresholds)
         if number:
             groups = [
                 replace(g, reasons=("it lies over other ground than the rest of its request", *g.reasons))

@@ -126,7 +126,11 @@ def _meeting(places: _Places, payloads: Sequence[str], share: int) -> Tuple[List
     for row, payload in zip(seen, payloads):
         here = row[best]
         spread[here] = np.maximum(spread[here], places.reach(payload, middles[best][here], share))
-    order = sorted(range(len(best)), key=lambda i: (round(float(spread[i]), 3), *map(float, middles[best[i]])))
+    off = np.hypot(*(middles[best] - np.median(middles[best], axis=0)).T)
+    order = sorted(
+        range(len(best)),
+        key=lambda i: (round(float(spread[i]), 1), round(float(off[i]), 1), *map(float, middles[best[i]])),
+    )
     chosen = int(best[order[0]])
     return [p for p, row in zip(payloads, seen) if row[chosen]], middles[chosen]
 
