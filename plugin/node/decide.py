@@ -13,11 +13,16 @@ AS_IS, PREPARE, REFUSE = "as-is", "prepare", "refuse"
 # The best view of a survey first, where parts are equal in captures.
 _SPECTRA = ("rgb", "multispectral", "thermal")
 _PROVEN = ("proceed", "pairwise")
+_MOST_ERRORS = 4
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What the gate saw. ``findings`` counts warnings and errors; ``changes`` what harmonizing would alter."""
+    """What the gate saw.
+
+    ``findings`` counts warnings and errors, ``changes`` what harmonizing
+    would alter; ``errors`` are the messages of the errors, worst first.
+    """
 
     verdict: str
     frames: int
@@ -26,6 +31,7 @@ class Seen:
     groups: int
     findings: int
     changes: int
+    errors: Tuple[str, ...] = ()
 
     @property
     def clean(self) -> bool:
@@ -65,7 +71,11 @@ def after_gate(policy: str, seen: Seen, *, harmonized: bool, videos: bool) -> De
         return Decision(REFUSE, ("The project was prepared before it was sent, and still its frames do not fit.",))
     if policy == STRICT and seen.groups > 1:
         return Decision(
-            REFUSE, (f"The {seen.frames} frames are {seen.groups} separate groups that cannot share one project.",)
+            REFUSE,
+            (
+                f"The {seen.frames} frames are {seen.groups} separate groups that cannot share one project.",
+                *seen.errors[:_MOST_ERRORS],
+            ),
         )
     return Decision(PREPARE)
 

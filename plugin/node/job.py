@@ -12,13 +12,14 @@ from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 from ...stages.assemble import groups_of
 from ...stages.errors import MissingDependency, SensorgateError
+from ...stages.finding import ERROR
 from ...stages.record import dumps, from_plain, write_text
 from ...stages.thresholds import DEFAULTS
 from .. import pipeline
 from ..inspection import Inspection, Settings, inspect
 from ..report.terminal import lines
 from .console import INFO, WARNING, Broadcast, Stage, say
-from .decide import AS_IS, PREPARE, Decision, Seen, after_alignment, after_gate, parts_from
+from .decide import PREPARE, Decision, Seen, after_alignment, after_gate, parts_from
 from .workplace import FOLDER, IMAGES, Part, Workplace
 
 REQUEST, RESULT, FAULT = "request.json", "result.json", "fault.txt"
@@ -87,6 +88,7 @@ def seen_of(inspection: Inspection) -> Seen:
         groups=len(groups_of(survey)) if used else 0,
         findings=sum(1 for f in inspection.findings if f.severity != "info"),
         changes=changed,
+        errors=tuple(f.message for f in inspection.findings if f.severity == ERROR),
     )
 
 

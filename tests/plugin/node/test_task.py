@@ -131,11 +131,12 @@ def test_strict_refuses_a_mixed_task_in_words(node, mixed_images):
     done = node.run("task", "--mixed-sensor-policy", "strict")
     assert done.returncode == 65
     assert node.calls() == []
-    last = done.stdout.splitlines()[-4:]
+    last = done.stdout.splitlines()[-8:]
+    assert any("mixes" in line and "thermal" in line for line in last)
     assert any("Refused by mixed-sensor-policy strict" in line for line in last)
     assert any("2 separate groups" in line for line in last)
     assert any("What to do" in line for line in last)
-    assert all("[ERROR]" in line for line in last[-3:-1])
+    assert all("[ERROR]" in line for line in last[-4:-1])
     log = json.loads((task / "log.json").read_text())
     assert log["error"]["code"] == 65 and log["success"] is False and log["stages"][0]["name"] == "mixed_gate"
 
