@@ -8,7 +8,7 @@ source with all settings and a digest of the output.
 from __future__ import annotations
 
 import contextlib
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple, Union
 
@@ -27,6 +27,8 @@ from .worker import BROKEN
 STAGE = "harmonize"
 PathLike = Union[str, Path]
 _MASK_SUFFIX = " (mask)"
+# Verdicts on what was asked, not on the frame: it is as good as it was and goes in as it is.
+_KEPT_NATIVE = {(REWRITE, "pixels-not-supported"), (RETAG, "tags-not-rewritable")}
 
 
 def apply(
@@ -46,7 +48,8 @@ def apply(
     """Put every frame of ``targets`` where it belongs; returns what was put and what could not be, by path.
 
     ``sources`` and ``targets`` are frame path -> file. Frames of ``targets``
-    that no action names (panels) are linked. ``journal`` is a file that lets a
+    that no action names (panels) are linked, and so are those whose kind of
+    file cannot be rewritten (BigTIFF, rare compressions): ``kept`` says why. ``journal`` is a file that lets a
     later run keep what this one finished. ``masks`` is frame path -> (file,
     target): they follow their frame's size, nearest neighbour.
 
@@ -67,6 +70,7 @@ def apply(
     broken: Dict[str, BrokenFrame] = {}
     links: List[Tuple[str, PathLike, Path]] = []
     jobs: List[FrameJob] = []
+    native: Dict[str, str] = {}
     for path in sorted(targets):
         frame, action = frames[path], action_of.get(path)
         job = _job(frame, action, tables, sources[path], targets[path], record)
@@ -102,10 +106,27 @@ def apply(
         running = run_jobs(plain, thresholds, task=FRAMES, workers=workers, cancel=cancel)
         with record, contextlib.closing(running) as answers:
             for number, answer in answers:
-                _take(jobs[number], answer, frames, action_of, targets, done, broken, record)
+                job = jobs[number]
+                if (job.what, answer.get("code")) in _KEPT_NATIVE:
+                    native[job.path] = answer["code"]
+                else:
+                    _take(job, answer, frames, action_of, targets, done, broken, record)
                 count += 1
                 if progress:
                     progress(STAGE, count, total)
+    for path in sorted(native):
+        check(cancel)
+        try:
+            how = put_link(sources[path], targets[path], link=link)
+            if path in shaded:
+                put_link(*shaded[path], link=link)
+                broken.pop(path + _MASK_SUFFIX, None)
+        except FileNotFoundError:
+            broken[path] = _vanished(path, frames)
+        except FrameError as error:
+            broken[path] = BrokenFrame(path, _bytes(path, frames), error.code, error.message)
+        else:
+            done[path] = replace(_harmonized(frames[path], None, targets[path], how), kept=native[path])
     for path in broken:
         if path in targets:
             remove_stale(targets[path])

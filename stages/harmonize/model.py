@@ -116,6 +116,7 @@ class HarmonizedFrame:
     height: int
     scale: float
     how: str
+    kept: str = ""
 
 
 def untouched(frames: Iterable[Frame]) -> Dict[str, HarmonizedFrame]:

@@ -198,6 +198,33 @@ def test_a_bad_frame_does_not_stop_the_others(tmp_path):
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == names[4:]
 
 
+def test_a_file_that_cannot_be_rewritten_goes_in_as_it_is(tmp_path):
+    """BigTIFF: no reason to lose the frame, nor its mask; the others are resampled."""
+    (tmp_path / "in").mkdir()
+    pixels = texture(120, 90, 1)[:, :, 0]
+    Image.fromarray(pixels).save(tmp_path / "in" / "a.TIF")
+    Image.fromarray(pixels).save(tmp_path / "in" / "b.TIF", big_tiff=True)
+    assert (tmp_path / "in" / "b.TIF").read_bytes()[2] == 43
+    mask = tmp_path / "in" / "b_mask.png"
+    Image.fromarray(pixels).save(mask)
+    frames = {
+        n: Frame(n, (tmp_path / "in" / n).stat().st_size, "tiff", 120, 90, channels=1, focal_mm=5.0)
+        for n in ("a.TIF", "b.TIF")
+    }
+    masks = {"b.TIF": (mask, tmp_path / "out" / mask.name)}
+    for plan, how in (
+        (HarmonizePlan((action(frames, scale=1.5, out_width=180, out_height=135),)), "resampled"),
+        (HarmonizePlan((action(frames, focal_mm=5.5),)), "retagged"),
+    ):
+        done, broken = run(plan, frames, tmp_path / "in", tmp_path / "out", masks=masks)
+        assert not broken
+        assert [(d.how, bool(d.kept)) for d in done] == [(how, False), ("linked", True)]
+        assert (done[1].width, done[1].scale) == (120, 1.0)
+        assert (tmp_path / "in" / "b.TIF").samefile(tmp_path / "out" / "b.TIF")
+        with Image.open(tmp_path / "out" / mask.name) as image:
+            assert image.size == (120, 90)
+
+
 def test_a_link_whose_source_is_gone_is_told(tmp_path):
     frames = survey(tmp_path / "in", 2)
     (tmp_path / "in" / "IMG_000.JPG").unlink()
