@@ -87,6 +87,8 @@ def calibrate(
             flown = [h for h in (request.frames[i].height_m for i in rows) if h is not None]
             height = float(np.median(flown)) if flown else None
             geometry = geometry_of(request, solved[-1], ground, rows, limits, laid[-1])
+            # What cannot be held fixes no focal: the candidates are then the free network's.
+            geometry = replace(geometry, control=bool(held))
             chosen, decision, veto = choose(outcomes, surfaces, camera, geometry, height, limits)
             told[profile] = as_candidates(outcomes, chosen, decision, veto)
             decided[profile] = decision
