@@ -17,6 +17,7 @@ def _odm_home():
 
 def config(argv=None, parser=None):
     """Add our options to ``parser`` and let ODM add its own."""
+    sys.dont_write_bytecode = True
     site = os.path.join(_HERE, "site")
     sys.path.insert(0, site)
     importlib.import_module("sensorgate.plugin.node.options").add_to(parser)
