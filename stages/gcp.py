@@ -40,8 +40,9 @@ class GcpLine:
 
     @property
     def point(self) -> Point:
-        """The coordinates, by which points are told apart."""
-        return float(self.x), float(self.y), float(self.z)
+        """The coordinates, by which points are told apart; an unknown height is ``math.nan`` itself, which equals it."""
+        height = float(self.z)
+        return float(self.x), float(self.y), math.nan if math.isnan(height) else height
 
     @property
     def name(self) -> str:

@@ -94,6 +94,14 @@ def test_a_block_without_gps_has_nothing_to_lose() -> None:
     assert gcp_for_project("rgb", place(read_gcp(text(CORNERS[:2])), blind), blind).text is None
 
 
+def test_points_without_a_height_are_told_apart_and_kept() -> None:
+    flat = text().replace(" 198.5 ", " nan ")
+    placed = place(read_gcp(flat), frames())
+    assert placed.findings == () and len(placed.marks) == 15
+    decision = gcp_for_project("rgb", placed, frames())
+    assert decision.points == 5 and decision.text is not None and decision.text.count(" nan ") == 15
+
+
 def test_each_project_gets_its_own_lines() -> None:
     both = [*frames(), *frames("b", EAST + 50000)]
     mine = text()
