@@ -10,7 +10,10 @@ from typing import Any, Dict, List, Mapping, Tuple
 from ...stages.errors import MissingDependency
 from ...stages.thresholds import Thresholds
 from . import charts, distributions, story, survey_map, svg
-from .previews import AFTER, BEFORE, MOST_BYTES, MOST_PREVIEWS, preview_key
+from .bands import band_tables
+from .overlays import BAND_AFTER, BAND_BEFORE, MOST_OVERLAYS
+from .pictures import MOST_BYTES, preview_key
+from .previews import AFTER, BEFORE, MOST_PREVIEWS
 from .view import ROUTE_WORDS, SOURCE_WORDS, SPECTRUM_WORDS, View, figure, listing, plural
 
 HERE = Path(__file__).resolve().parent
@@ -39,8 +42,9 @@ ROUTE_ADVICE = {
 def render(report: Mapping[str, Any], previews: Mapping[str, bytes] = {}) -> str:
     """Turn a report into one HTML document.
 
-    ``previews`` are JPEG bytes by ``previews.preview_key(path, BEFORE | AFTER)``;
-    beyond ``MOST_PREVIEWS`` pairs or ``MOST_BYTES`` each they are left out.
+    ``previews`` are JPEG bytes by ``previews.preview_key(path, BEFORE | AFTER)``,
+    of bands by ``BAND_BEFORE | BAND_AFTER``; beyond ``MOST_PREVIEWS`` and
+    ``MOST_OVERLAYS`` pairs or ``MOST_BYTES`` each they are left out.
     Raises ``MissingDependency`` where Jinja2 is not installed.
     """
     try:
@@ -69,6 +73,7 @@ def render(report: Mapping[str, Any], previews: Mapping[str, bytes] = {}) -> str
         **_context(view),
         drawing=_drawings(view),
         pictures=_pictures(view, previews),
+        rigs=_rigs(view, previews),
         style=_trusted((HERE / "report.css").read_text(encoding="utf-8")),
         most_listed=MOST_LISTED,
         most_subjects=MOST_SUBJECTS,
@@ -204,6 +209,27 @@ def _pictures(view: View, previews: Mapping[str, bytes]) -> List[Dict[str, Any]]
         if frame and after and _fits(before, after):
             pictures.append({"frame": frame, "before": data_uri(before), "after": data_uri(after)})
     return pictures
+
+
+def _rigs(view: View, previews: Mapping[str, bytes]) -> List[Dict[str, Any]]:
+    """How the bands of each rig were laid on each other, with a picture of each band where there is one."""
+    shown: Dict[str, List[Dict[str, Any]]] = {}
+    for raw in sorted(set(previews)):
+        frame = view.frames.get(raw[len(BAND_BEFORE) + 1 :]) if raw.startswith(f"{BAND_BEFORE}:") else None
+        if frame is None or sum(map(len, shown.values())) >= MOST_OVERLAYS:
+            continue
+        before, after = previews[raw], previews.get(preview_key(frame["path"], BAND_AFTER), b"")
+        if _fits(before, after):
+            pair = {"frame": frame, "before": data_uri(before), "after": data_uri(after)}
+            shown.setdefault(frame["payload"], []).append(pair)
+    tables = band_tables(view.report, MOST_ROWS)
+    for rig in tables:
+        names = {row["profile"]: row["band"] for row in rig["rows"]}
+        rig["pictures"] = [
+            {**pair, "band": names.get(pair["frame"]["profile"], pair["frame"]["band"])}
+            for pair in shown.get(rig["payload"], [])
+        ]
+    return tables
 
 
 def _fits(*images: bytes) -> bool:

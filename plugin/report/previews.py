@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import io
-from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ...stages.harmonize.model import HarmonizedFrame
+from .overlays import band_overlays
+from .pictures import CROP_HEIGHT, CROP_WIDTH, PathLike, picture_size, preview_key, to_jpeg
 
 BEFORE, AFTER = "before", "after"
 MOST_PREVIEWS = 12
-MOST_BYTES = 160_000
-CROP_WIDTH, CROP_HEIGHT = 360, 270
-MOST_DECODED_PIXELS = 120_000_000
-JPEG_QUALITIES = (82, 60, 35)
-PathLike = Union[str, "Path"]
-
-
-def preview_key(path: str, which: str) -> str:
-    """The name under which ``html.render`` looks for a picture of the frame ``path``."""
-    return f"{which}:{path}"
 
 
 def chosen(report: Mapping[str, Any], most: int = MOST_PREVIEWS) -> List[str]:
@@ -36,13 +26,13 @@ def chosen(report: Mapping[str, Any], most: int = MOST_PREVIEWS) -> List[str]:
 
 
 def previews_of(report: Mapping[str, Any], copies: Mapping[str, HarmonizedFrame]) -> Dict[str, bytes]:
-    """Crops of the same ground from originals and copies, for ``html.render``.
+    """Crops of the same ground from originals and copies, and of bands over their primary, for ``html.render``.
 
     ``copies`` maps a frame's path, which names the original, to its copy. A
     frame that cannot be shown is left out without a word: a picture never
     stops a report.
     """
-    found: Dict[str, bytes] = {}
+    found = band_overlays(report, copies)
     for path in chosen(report):
         if path not in copies:
             continue
@@ -57,7 +47,7 @@ def previews_of(report: Mapping[str, Any], copies: Mapping[str, HarmonizedFrame]
 
 def crop_pair(before: PathLike, after: PathLike) -> Optional[Tuple[bytes, bytes]]:
     """The middle of both images over the same ground, at the finer one's pixels; ``None`` when unreadable."""
-    sizes = [_size(before), _size(after)]
+    sizes = [picture_size(before), picture_size(after)]
     if sizes[0] is None or sizes[1] is None:
         return None
     (width, height), (out_width, out_height) = sizes[0], sizes[1]
@@ -67,7 +57,7 @@ def crop_pair(before: PathLike, after: PathLike) -> Optional[Tuple[bytes, bytes]
     if crops[0] is None or crops[1] is None:
         return None
     stretch = _stretch(crops) if any(c.dtype != np.uint8 for c in crops if c is not None) else None
-    made = [_jpeg(c, stretch) for c in crops if c is not None]
+    made = [to_jpeg(c, stretch) for c in crops if c is not None]
     return made[0], made[1]
 
 
@@ -75,7 +65,7 @@ def thumbnail(path: PathLike, longest_px: int = CROP_WIDTH) -> Optional[bytes]:
     """A whole frame, small, by reduced decoding; ``None`` when it cannot be read."""
     from PIL import Image
 
-    if _size(path) is None:
+    if picture_size(path) is None:
         return None
     try:
         with Image.open(path) as image:
@@ -84,19 +74,7 @@ def thumbnail(path: PathLike, longest_px: int = CROP_WIDTH) -> Optional[bytes]:
             pixels = np.asarray(image)
     except Exception:  # Pillow's decoders raise almost anything on a damaged file; a picture is never worth a report
         return None
-    return _jpeg(pixels, None if pixels.dtype == np.uint8 else _stretch([pixels]))
-
-
-def _size(path: PathLike) -> Optional[Tuple[int, int]]:
-    """Pixels from the header alone; ``None`` when unreadable or too large to decode here."""
-    from PIL import Image
-
-    try:
-        with Image.open(path) as image:
-            width, height = image.size
-    except Exception:  # Pillow's decoders raise almost anything on a damaged file; a picture is never worth a report
-        return None
-    return (width, height) if 0 < width * height <= MOST_DECODED_PIXELS else None
+    return to_jpeg(pixels, None if pixels.dtype == np.uint8 else _stretch([pixels]))
 
 
 def _middle(path: PathLike, share: Tuple[float, float]) -> Optional["np.ndarray[Any, Any]"]:
@@ -123,23 +101,3 @@ def _stretch(crops: Sequence[Optional["np.ndarray[Any, Any]"]]) -> Tuple[float, 
         return 0.0, 1.0
     low, high = np.percentile(values, (1, 99))
     return float(low), float(max(high, low + 1e-6))
-
-
-def _jpeg(pixels: "np.ndarray[Any, Any]", stretch: Optional[Tuple[float, float]]) -> bytes:
-    """Encode within ``MOST_BYTES``, at most ``CROP_WIDTH`` wide."""
-    from PIL import Image
-
-    if stretch is not None:
-        low, high = stretch
-        scaled = (np.nan_to_num(np.asarray(pixels, np.float64)) - low) / (high - low)
-        pixels = (np.clip(scaled, 0.0, 1.0) * 255.0).round().astype(np.uint8)
-    image = Image.fromarray(pixels).convert("RGB")
-    image.thumbnail((CROP_WIDTH, CROP_HEIGHT))
-    data = b""
-    for quality in JPEG_QUALITIES:
-        stream = io.BytesIO()
-        image.save(stream, "JPEG", quality=quality, optimize=True)
-        data = stream.getvalue()
-        if len(data) <= MOST_BYTES:
-            break
-    return data

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from sensorgate.plugin.report import previews
+from sensorgate.plugin.report import pictures, previews
 from sensorgate.stages.harmonize.model import HarmonizedFrame
 
 from tests.plugin.report.sample import sample
@@ -50,7 +50,7 @@ def test_noise_stays_within_the_bytes(tmp_path: Path) -> None:
     noise = np.random.default_rng(1).integers(0, 256, (1200, 1600, 3), np.uint8)
     Image.fromarray(noise).save(tmp_path / "n.png")
     pair = previews.crop_pair(tmp_path / "n.png", tmp_path / "n.png")
-    assert pair is not None and max(map(len, pair)) <= previews.MOST_BYTES
+    assert pair is not None and max(map(len, pair)) <= pictures.MOST_BYTES
     small = previews.thumbnail(tmp_path / "n.png")
     assert small is not None and max(Image.open(io.BytesIO(small)).size) <= previews.CROP_WIDTH
 
@@ -73,7 +73,7 @@ def test_a_truncated_frame_gives_no_picture(tmp_path: Path) -> None:
 
 def test_too_large_is_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target(800, 600).save(tmp_path / "t.jpg")
-    monkeypatch.setattr(previews, "MOST_DECODED_PIXELS", 1000)
+    monkeypatch.setattr(pictures, "MOST_DECODED_PIXELS", 1000)
     assert previews.thumbnail(tmp_path / "t.jpg") is None
 
 
