@@ -1,13 +1,16 @@
 """The option list as NodeODM asks for it: ODM's own options, read from ODM itself, and sensorgate's."""
 
+from __future__ import annotations
+
 import importlib
 import os
 import sys
+from typing import Any
 
 _HERE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 
-def _odm_home():
+def _odm_home() -> str:
     noted = os.environ.get("SENSORGATE_ODM", "")
     if not noted:
         with open(os.path.join(_HERE, "ODM_HOME"), encoding="utf-8") as stream:
@@ -15,7 +18,7 @@ def _odm_home():
     return noted if os.path.isfile(os.path.join(noted, "run.sh")) else "/code"
 
 
-def config(argv=None, parser=None):
+def config(argv: Any = None, parser: Any = None) -> Any:
     """Add our options to ``parser`` and let ODM add its own."""
     sys.dont_write_bytecode = True
     site = os.path.join(_HERE, "site")
