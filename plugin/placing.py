@@ -103,7 +103,8 @@ def _decisions(proven: ProvenGroup, profiles: Sequence[CameraProfile]) -> Dict[s
     holds = {h.profile: h for h in proven.locked}
     for profile in profiles:
         hold = holds.get(profile.id)
-        if hold is not None:
+        # The solver works with Brown's model: of a fisheye lens its own calibration says more.
+        if hold is not None and profile.intrinsics.projection != "fisheye":
             decided[profile.id] = CameraDecision(
                 profile=profile.id,
                 focal_ratio=hold.focal_ratio * max(profile.width, profile.height) / profile.width,
@@ -171,7 +172,9 @@ def _fill_images(
         _link(Path(copy.file), images / copy.name)
         if path in masks and copy.how != "warped":  # ODM reads the masks of the primary band only
             name = mask_name(copy.name, Path(masks[path]).name)
-            _link(Path(copy.file).with_name(name), images / name)
+            mask = Path(copy.file).with_name(name)
+            if mask.is_file():  # one that could not be written has its finding
+                _link(mask, images / name)
 
 
 def _keep_panels(folder: Path, payloads: Sequence[str], survey: Survey) -> None:

@@ -40,7 +40,7 @@ class GcpLine:
 
     @property
     def point(self) -> Point:
-        """The coordinates, by which points are told apart; an unknown height is ``math.nan`` itself, which equals it."""
+        """The coordinates, by which points are told apart; an unknown height is ``math.nan`` itself."""
         height = float(self.z)
         return float(self.x), float(self.y), math.nan if math.isnan(height) else height
 

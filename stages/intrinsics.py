@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import List, Optional, Tuple
 
+from .fisheye import OpenCvFisheye, as_opencv
 from .focals import (
     Estimate,
     apart,
@@ -67,7 +68,9 @@ class Intrinsics:
     ``distortion`` is k1, k2, p1, p2, k3 (Brown, OpenCV order);
     ``distortion_source`` is ``corrected-in-camera`` (known zero), ``xmp-*``,
     ``user-sheet``, ``sheet`` or ``unknown``. With ``projection`` ``fisheye``
-    no Brown distortion is given. ``notes`` say in plain words which source
+    it is k1, k2, k3 of OpenCV's fisheye model where the frame's own
+    calibration can be said so, else ``None``; ``converted_focal_ratio`` is then
+    the focal that belongs to them. ``notes`` say in plain words which source
     was passed over, and why.
     """
 
@@ -80,6 +83,7 @@ class Intrinsics:
     distortion: Optional[Tuple[float, ...]] = None
     distortion_source: str = "unknown"
     projection: str = "brown"
+    converted_focal_ratio: Optional[float] = None
     notes: Tuple[str, ...] = ()
 
     @property
@@ -155,6 +159,9 @@ def resolve(frame: Frame, spectrum: str, sheet: Sheet, thresholds: Thresholds = 
     best = min((e for e in found if e.ratio), key=_rank, default=None)
     widest = min((e for e in found if e.width_mm), key=_rank, default=None)
     distortion, distortion_source, projection = _distortion(frame, row, calibrated)
+    fisheye = _fisheye(frame, thresholds) if calibrated is not None and projection == "fisheye" else None
+    if fisheye is not None and best is calibrated and best is not None:
+        distortion, distortion_source = fisheye.coefficients, best.source
     return Intrinsics(
         focal_ratio=best.ratio if best else None,
         focal_source=best.source if best else "unknown",
@@ -165,6 +172,7 @@ def resolve(frame: Frame, spectrum: str, sheet: Sheet, thresholds: Thresholds = 
         distortion=distortion,
         distortion_source=distortion_source,
         projection=projection,
+        converted_focal_ratio=fisheye.focal_px / frame.width if distortion and fisheye is not None else None,
         notes=tuple(notes),
     )
 
@@ -207,6 +215,14 @@ def _center(frame: Frame, row: Optional[SheetRow], calibrated: Optional[Estimate
     if calibrated is None or frame.calibration is None or frame.calibration.center_px is None:
         return None
     return _offset(frame, frame.calibration.center_px)
+
+
+def _fisheye(frame: Frame, thresholds: Thresholds) -> Optional[OpenCvFisheye]:
+    """The frame's own fisheye calibration in OpenCV's model."""
+    given = frame.calibration
+    if given is None or given.projection != "fisheye" or given.distortion is None or given.fisheye_affine is None:
+        return None
+    return as_opencv(given.distortion, given.fisheye_affine, frame.width, frame.height, thresholds.conversion_error_px)
 
 
 def _distortion(

@@ -345,6 +345,10 @@ class Thresholds:
     solved_focal_sigma: float = _number(3.0, "sigma", "solved focals this far apart, and 1 %, are two cameras")
     solved_focal_gap: float = _number(0.01, "ratio", "solved focals closer than this are one camera")
 
+    conversion_error_px: float = _number(
+        0.05, "px", "a lens model said in another's terms may move no pixel by more: a tenth of what matching resolves"
+    )
+
     # --- ground control ----------------------------------------------------------
     control_fit_m: float = _number(
         0.5, "m", "residual of control points up to which they tie a payload: marks in shrunk frames are a few px wide"

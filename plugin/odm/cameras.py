@@ -53,6 +53,8 @@ _FIELDS = frozenset(
 )
 _LOCKABLE = frozenset((*TRUSTED, "solved"))
 _DIGITS = 8
+# Coefficients of OpenSfM's fisheye_opencv that ODM lets through.
+_FISHEYE = 3
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,7 @@ def decision_from_intrinsics(
     """A decision that takes the profile's intrinsics as they are."""
     return CameraDecision(
         profile=profile,
-        focal_ratio=intrinsics.focal_ratio,
+        focal_ratio=intrinsics.converted_focal_ratio or intrinsics.focal_ratio,
         focal_source=intrinsics.focal_source,
         center_ratio=intrinsics.center_ratio or (0.0, 0.0),
         distortion=intrinsics.distortion,
@@ -192,11 +194,26 @@ def camera_uses(frames: Sequence[ProjectFrame]) -> Tuple[CameraUse, ...]:
 def entry(decision: CameraDecision, width: int, height: int) -> Optional[Dict[str, Any]]:
     """One camera in ODM's format, ``None`` where its model cannot be said in it.
 
-    ODM drops a fourth fisheye coefficient, so fisheye lenses have no entry.
+    ODM drops a fourth fisheye coefficient: a fisheye lens has an entry where
+    three say it.
     """
-    if decision.focal_ratio is None or decision.projection not in ("brown", "perspective"):
+    if decision.focal_ratio is None:
         return None
     focal = round(decision.focal_ratio * width / max(width, height), _DIGITS)
+    bend = decision.distortion
+    if decision.projection == "fisheye" and bend is not None and len(bend) == _FISHEYE:
+        return {
+            "projection_type": "fisheye_opencv",
+            "width": width,
+            "height": height,
+            "focal_x": focal,
+            "focal_y": focal,
+            "c_x": round(decision.center_ratio[0], _DIGITS),
+            "c_y": round(decision.center_ratio[1], _DIGITS),
+            **{name: round(value, _DIGITS) for name, value in zip(("k1", "k2", "k3"), bend)},
+        }
+    if decision.projection not in ("brown", "perspective"):
+        return None
     k1, k2, p1, p2, k3 = (*(decision.distortion or ()), 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
     return {
         "projection_type": "brown",

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from sensorgate.plugin.odm.cameras import (
@@ -203,3 +204,16 @@ def test_a_users_cameras_file_is_held_against_the_ids() -> None:
     codes = [f.code for f in check_cameras_file({"all": good, KEY.replace("5472", "2736"): {**good, "k4": 0.1}}, ids)]
     assert codes == ["odm-camera-key-unmatched", "odm-cameras-file-invalid", "odm-camera-field-ignored"]
     assert [f.code for f in check_cameras_file([], ids)] == ["odm-cameras-file-invalid"]
+
+
+def test_a_fisheye_that_three_coefficients_say_has_an_entry() -> None:
+    lens = Intrinsics(
+        focal_ratio=0.8314, focal_source="xmp-camera", distortion=(-0.02, 0.001, 0.0002), projection="fisheye",
+        distortion_source="xmp-camera", converted_focal_ratio=0.832,
+    )  # fmt: skip
+    made = entry(decision_from_intrinsics("seq", lens), 1280, 960)
+    assert made is not None and made["projection_type"] == "fisheye_opencv"
+    assert (made["focal_x"], made["k1"], made["k2"], made["k3"]) == (0.832, -0.02, 0.001, 0.0002)
+    assert not {"k4", "p1", "p2"} & set(made)
+    assert entry(decision_from_intrinsics("seq", replace(lens, distortion=None)), 1280, 960) is None
+    assert not lens.complete
