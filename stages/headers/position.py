@@ -10,6 +10,14 @@ from . import exif
 from .values import Numbers, degrees, degrees_text
 from .xmp import Xmp
 
+_ABOVE_TAKE_OFF = (
+    "drone-dji:RelativeAltitude",
+    "DJI:RelativeAltitude",
+    "Camera:AboveGroundAltitude",
+    "FLIR:MAVRelativeAltitude",
+)
+# No survey looks so far backwards: below this a pitch is counted from the horizon, as FLIR does, not from nadir.
+_FROM_HORIZON_DEG = -45.0
 _SPEED_MPS = {"K": 1 / 3.6, "M": 0.44704, "N": 0.514444}
 
 
@@ -38,7 +46,7 @@ def read(gps: exif.Tags, xmp: Xmp, problems: List[str]) -> Position:
         longitude=longitude,
         reference_missing=missing,
         altitude_m=_altitude(gps, numbers),
-        relative_altitude_m=numbers.one("drone-dji:RelativeAltitude", "DJI:RelativeAltitude"),
+        relative_altitude_m=numbers.one(*_ABOVE_TAKE_OFF),
         speed_mps=_speed(gps, numbers),
         yaw_deg=yaw,
         pitch_deg=pitch,
@@ -115,5 +123,10 @@ def _angles(numbers: Numbers) -> Tuple[Optional[float], Optional[float], Optiona
         if pitch is not None:
             yaw = numbers.one(f"{prefix}:GimbalYawDegree")
             return yaw, pitch, numbers.one(f"{prefix}:GimbalRollDegree")
+    pitch = numbers.one("drone-parrot:CameraPitchDegree")
+    if pitch is not None:
+        return numbers.one("drone-parrot:CameraYawDegree"), pitch, numbers.one("drone-parrot:CameraRollDegree")
     pitch = numbers.one("Camera:Pitch")  # 0 looks straight down in this namespace
-    return numbers.one("Camera:Yaw"), None if pitch is None else pitch - 90.0, numbers.one("Camera:Roll")
+    if pitch is not None and pitch > _FROM_HORIZON_DEG:
+        pitch -= 90.0
+    return numbers.one("Camera:Yaw"), pitch, numbers.one("Camera:Roll")

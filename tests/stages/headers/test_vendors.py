@@ -199,3 +199,19 @@ def test_bands(attributes, bands, wavelength):
 )  # fmt: skip
 def test_panel_captures(attributes, panel):
     assert with_xmp(attributes).panel is panel
+
+
+@pytest.mark.parametrize(
+    ("attributes", "pitch", "height"),
+    [
+        ('Camera:Pitch="5.2" Camera:Yaw="-16.8"', -84.8, None),
+        ('Camera:Pitch="-8759/100" FLIR:MAVRelativeAltitude="61500/1000"', -87.59, 61.5),
+        ('drone-parrot:CameraPitchDegree="-90.2" Camera:AboveGroundAltitude="40130/1000"', -90.2, 40.13),
+    ],
+    ids=["Pix4D counts from nadir", "FLIR from the horizon", "ANAFI"],
+)
+def test_every_maker_counts_its_pitch_and_height_in_its_own_way(attributes, pitch, height):
+    space = 'xmlns:drone-parrot="http://www.parrot.com/drone-parrot/1.0/" '
+    frame = with_xmp(space + attributes, size=(80, 60))
+    assert frame.pitch_deg == pytest.approx(pitch)
+    assert frame.relative_altitude_m == height
