@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Dict, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 from ..stages.assemble import Group, groups_of, left_out, primary_of
 from ..stages.finding import Finding
@@ -57,6 +57,7 @@ def harmonize(
     for item in failed:
         dropped[item.path] = item.code
         findings.append(_failed(item))
+    findings.extend(kept_native(copies))
     dropped.update(_orphaned(groups, survey, copies))
     left = (_left_of(group, copies, dropped) for group in groups)
     return Harmonized(inspection, tuple(g for g in left if g.frames), copies, bands, dropped, tuple(findings))
@@ -190,6 +191,22 @@ def _failed(item: BrokenFrame) -> Finding:
         message=f"{item.path.rsplit('/', 1)[-1]}: {item.message}",
         remedy="Copy the file from the card again and run once more with --resume.",
     )
+
+
+def kept_native(copies: Mapping[str, HarmonizedFrame]) -> Iterator[Finding]:
+    """Frames that should have been changed but are of a kind that is not rewritten: they go in as they are."""
+    by_code: Dict[str, List[str]] = {}
+    for path in sorted(copies):
+        if copies[path].kept:
+            by_code.setdefault(copies[path].kept, []).append(path)
+    for code, paths in sorted(by_code.items()):
+        yield Finding(
+            code=code,
+            severity="warning",
+            subjects=tuple(paths),
+            message=f"{len(paths)} frames are of a kind of file that is not rewritten; they go in as they are.",
+            remedy="Save them as plain TIFF or JPEG with their tags, if they are to be harmonized too.",
+        )
 
 
 def _orphaned(groups: Sequence[Group], survey: Survey, copies: Mapping[str, HarmonizedFrame]) -> Dict[str, str]:

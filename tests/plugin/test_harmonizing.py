@@ -11,8 +11,10 @@ import pytest
 pytest.importorskip("cv2")
 
 from sensorgate.plugin import pipeline
+from sensorgate.plugin.harmonizing import kept_native
 from sensorgate.stages.harmonize import tiff
 from sensorgate.stages.harmonize.exif import TagEdit
+from sensorgate.stages.harmonize.model import HarmonizedFrame
 from sensorgate.stages.thresholds import DEFAULTS
 
 from tests.simulator import Plan, Survey, catalogue, fly, render
@@ -111,3 +113,27 @@ def test_a_band_that_cannot_be_laid_on_the_primary_gets_its_own_project(rig, tmp
     assert "band-refused" in {f["code"] for f in report["findings"]}
     for project in report["subprojects"]:
         assert pipeline.gate([str(tmp_path / "out/projects" / project["name"] / "images")]).exit_code == 0
+
+
+def test_a_mask_that_cannot_be_scaled_costs_the_mask_alone(tmp_path):
+    """The frame goes in without its mask, and the report says so."""
+    from tests.simulator.stories import tiny
+
+    folder = tmp_path / "survey"
+    render(tiny(0), folder)
+    first = sorted((folder / "images").rglob("*.JPG"))[0]
+    first.with_name(first.stem + "_mask.png").write_bytes(b"no picture")
+    settings = pipeline.Settings(align=False, gsd_target=2.6)
+    report = pipeline.run([str(folder / "images")], tmp_path / "out", settings).report
+    assert {f["change"]["how"] for f in report["frames"]} == {"resampled"}
+    assert all(f["subproject"] for f in report["frames"])
+    assert "mask-unusable" in {f["code"] for f in report["findings"]}
+
+
+def test_frames_of_a_kind_that_is_not_rewritten_are_named():
+    copies = {
+        "a.tif": HarmonizedFrame("a.tif", "x/a.tif", "a.tif", 40, 30, 1.0, "linked", "pixels-not-supported"),
+        "b.tif": HarmonizedFrame("b.tif", "x/b.tif", "b.tif", 80, 60, 2.0, "resampled"),
+    }
+    (finding,) = kept_native(copies)
+    assert (finding.code, finding.severity, finding.subjects) == ("pixels-not-supported", "warning", ("a.tif",))
