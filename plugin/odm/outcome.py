@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Set, Tuple, Union
+from typing import Dict, FrozenSet, List, Optional, Sequence, Set, Tuple, Union
 
 import numpy as np
 
@@ -142,14 +142,17 @@ def read_outcome(folder: Union[str, Path], limits: Thresholds = DEFAULTS) -> Out
     state = log.state
     if state == UNFINISHED and opensfm == folder and placed is not None:
         state = FINISHED  # a bare OpenSfM data set has no log of ODM's
+    if (folder / "submodels").is_dir():
+        notes.append("this was a split run: read each folder below submodels/ by itself")
     cameras = _cameras(project, placed, model, start, limits)
     payloads = payload_routes(report)
     route, reasons = route_of(state, payloads, log, report)
+    trusted = frozenset(c.profile for c in project.request.cameras if c.intrinsics.focal_trusted)
     return Outcome(
         state=state,
         route=route,
         reasons=reasons,
-        advice=advice_of(report, payloads, cameras, log.console, limits),
+        advice=advice_of(report, payloads, cameras, log.console, limits, trusted),
         payloads=payloads,
         alignment=report,
         frames=len(project.request.frames),
@@ -282,8 +285,9 @@ def advice_of(
     cameras: Sequence[CameraOutcome],
     console: ConsoleOutcome,
     limits: Thresholds,
+    trusted: FrozenSet[str] = frozenset(),
 ) -> Tuple[str, ...]:
-    """What a person can do, most useful first (pure)."""
+    """What a person can do, most useful first (pure); ``trusted`` are profiles whose calibration is known."""
     said: List[str] = []
     for fact in console.facts:
         if fact.remedy:
@@ -309,6 +313,13 @@ def advice_of(
             f"The block bows by {report.bowing.bowing_m:+.2f} m: hold the cameras at a known calibration "
             "(sensorgate run chooses one), or add cross strips and ground control."
         )
+    for solved in report.cameras if report else ():
+        off = solved.prior_change
+        if solved.profile in trusted and solved.frames and off is not None and abs(off) > limits.outcome_focal_change:
+            said.append(
+                f"The focal length that ODM used for {solved.profile} is {100 * off:+.1f} % off its calibration: "
+                "heights and areas are wrong by as much. sensorgate run hands ODM the right one."
+            )
     for camera in cameras:
         if camera.focal_change is not None and abs(camera.focal_change) > limits.outcome_focal_change:
             said.append(

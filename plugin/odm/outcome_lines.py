@@ -28,10 +28,13 @@ def lines(outcome: Outcome, name: str) -> List[str]:
     """What became of the project ``name``, what the router would do, and what a person can do."""
     said = [_headline(outcome, name)]
     said += _placed(outcome)
-    if outcome.alignment is not None:
+    if outcome.alignment is not None and outcome.registered:
         for payload in outcome.alignment.payloads:
             said.append(_payload(payload))
             said += [f"      {r}" for r in (payload.reasons if payload.verdict != "pass" else ())[:_SHOWN]]
+    elif outcome.alignment is not None:
+        counts = [f"{p.payload} ({p.frames})" for p in outcome.alignment.payloads]
+        said.append(f"  Payloads: {_some(counts)}")
     said += [_camera(c) for c in outcome.cameras]
     if outcome.odm.gcp is not None and outcome.odm.gcp.mean_m is not None:
         points = f"{outcome.odm.gcp.points} points, " if outcome.odm.gcp.points else ""
