@@ -52,7 +52,7 @@ def gcp_for_project(
     usable = [m for m in mine if by_path[m.path].primary]
     findings: List[Finding] = []
     if len(usable) < len(mine):
-        findings.append(_secondary(name, len(mine) - len(usable)))
+        findings.append(_secondary(name, [m.path for m in mine if not by_path[m.path].primary]))
     wrong = tuple(sorted({m.line.label for m in usable} & set(fit.outliers))) if fit is not None else ()
     if wrong:
         findings.append(_outliers(name, wrong))
@@ -136,12 +136,12 @@ def _outliers(name: str, labels: Sequence[str]) -> Finding:
     )
 
 
-def _secondary(name: str, count: int) -> Finding:
+def _secondary(name: str, lost: Sequence[str]) -> Finding:
     return Finding(
         code="gcp-secondary-band",
         severity=INFO,
-        subjects=(name,),
-        message=f"{count} ground control marks of {name} stand on bands that do not enter ODM's solver; "
+        subjects=(name, *sorted(set(lost))),
+        message=f"{len(lost)} ground control marks of {name} stand on bands that do not enter ODM's solver; "
         "it would pass over them without a word.",
         remedy="Mark the points on frames of the primary band.",
     )

@@ -25,6 +25,7 @@ PASS, FAIL, UNPROVEN = "pass", "fail", "unproven"
 _MIN_POINTS = 3
 _MIN_RAYS = 2
 _PARALLEL = 1e8
+_CLOSE = 0.1
 
 
 @dataclass(frozen=True)
@@ -163,17 +164,20 @@ def lay_by_control(
     laid = Lay(model, similarity, fit, left_out=tuple(n for n, good in zip(names, kept) if not good))
     if max(horizontal, vertical) > limit:
         return replace(laid, fit=replace(fit, verdict=FAIL, text=f"{said}, {limit:.2f} m is the limit"))
+    if max(horizontal, vertical) > (1.0 - _CLOSE) * limit:
+        said += f" (close: {limit:.2f} m is the limit)"
+        laid = replace(laid, fit=replace(fit, text=said))
     share = _cover(solution, similarity, model, target[kept])
     if share < limits.gcp_hull_share:
-        return replace(laid, fit=replace(fit, text=f"{said}, but they span {share:.0%} of the block"))
+        return replace(laid, fit=replace(laid.fit, text=f"{said}, but they span {share:.0%} of the block"))
     if strong < limits.gcp_min_points:
         free = not ground.known[rows_of(request.frames, solution, model)].any()
         text = f"{said}; {strong} of them are seen in {limits.gcp_min_images} frames, {limits.gcp_min_points} prove it"
-        return replace(laid, fit=replace(fit, text=text), holds=free)
-    checked = _against_gps(request, solution, ground, similarity, model, limits)
-    if checked:
-        return replace(laid, fit=replace(fit, verdict=FAIL, text=f"{said}, but {checked}"))
-    return replace(laid, fit=replace(fit, verdict=PASS), holds=True)
+        return replace(laid, fit=replace(laid.fit, text=text), holds=free)
+    contradicted = _against_gps(request, solution, ground, similarity, model, limits)
+    if contradicted:
+        return replace(laid, fit=replace(laid.fit, verdict=FAIL, text=f"{said}, but {contradicted}"))
+    return replace(laid, fit=replace(laid.fit, verdict=PASS), holds=True)
 
 
 def _few(count: int) -> str:
