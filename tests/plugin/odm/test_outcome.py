@@ -162,6 +162,19 @@ def test_what_a_node_sends_back_still_contradicts_a_wrong_model(make: Make) -> N
     assert routes(read_outcome(folder))[P4][0] == "fail"
 
 
+def test_reports_that_a_node_sends_back_tell_ties_and_pieces(make: Make) -> None:
+    block = fly_block()
+    for frame in block.of("p4p"):
+        frame.component = 1
+    folder = make(block)
+    for name in ("reconstruction.json", "reconstruction.topocentric.json", "tracks.csv"):
+        (folder / "opensfm" / name).unlink()
+    shutil.rmtree(folder / "opensfm/matches")
+    found = read_outcome(folder)
+    assert found.ties_from == "common tracks" and found.components == (15, 15)
+    assert sorted(p.verdict for p in found.payloads) == ["fail", "unproven"] and found.exit_code == 1
+
+
 def test_pieces_that_only_the_log_tells_of(make: Make) -> None:
     block = fly_block()
     for frame in block.of("p4p"):
