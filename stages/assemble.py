@@ -186,6 +186,7 @@ def request_of(
                 position=position,
                 sigma_m=sigma if position else None,
                 height_m=where.height_m,
+                height_sigma_m=where.height_sigma_m,
                 yaw_deg=file.yaw_deg,
                 pitch_deg=file.pitch_deg,
                 rtk=is_rtk_fixed(file.rtk_flag),

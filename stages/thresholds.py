@@ -49,7 +49,9 @@ class Thresholds:
     stored_doubts: int = _number(3, "surveys", "so many in a row must contradict a kept calibration, and agree")
     stored_min_frames: int = _number(20, "frames", "a calibration from fewer is not offered to other surveys")
     stored_focal_error: float = _number(
-        0.002, "ratio", "standard error over focal up to which a calibration helps: the height it costs at 100 m is 20 cm"
+        0.002,
+        "ratio",
+        "standard error over focal up to which a calibration helps: the height it costs at 100 m is 20 cm",
     )
     intrinsics_disagreement: float = _number(
         0.20, "ratio", "a focal this far from every other source of the same frame is not believed"
@@ -333,6 +335,9 @@ class Thresholds:
     bowing_sigma: float = _number(3.0, "standard errors", "bowing is called only beyond this many")
     held_reproj_cost: float = _number(0.10, "ratio", "reprojection error that holding a trusted calibration may cost")
     height_veto_m: float = _number(2.0, "m", "a candidate whose height misses the relative altitude by more is vetoed")
+    height_veto_sigma_m: float = _number(
+        4.0, "m", "a flown height known worse (GPS minus ground, relief without a take-off) rules no candidate out"
+    )
     height_veto_ratio: float = _number(0.05, "ratio", "the same as a share of the height; the larger holds")
     oblique_view_deg: float = _number(15.0, "degree", "views tilted by more than this help to fix a focal")
     oblique_share: float = _number(0.1, "ratio of frames", "so many tilted views support a self-calibration")

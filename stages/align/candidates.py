@@ -16,7 +16,7 @@ from .calibrate import Geometry, Outcome, Trial, as_candidates, choose, frozen, 
 from .control import Lay, holds_of, lay_by_control, lays_of
 from .fit import bowing, height_above_ground, residual_fit, surface_bow
 from .held import HOLDING
-from .model import AlignCamera, AlignRequest, Bowing, Candidate, LockDecision
+from .model import AlignCamera, AlignFrame, AlignRequest, Bowing, Candidate, LockDecision
 from .prepare import focal_over_side, holdable
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
 from .world import Ground, Rows, fit_rows
@@ -84,7 +84,7 @@ def calibrate(
                 task = AdjustJob(solution.stored, job, variants, held)
                 fixed = worker.adjust(task, engine, place / "control", progress, cancel)
                 outcomes = tuple(_under_control(o, s, job, rows, profile) for o, s in zip(outcomes, fixed))
-            flown = [h for h in (request.frames[i].height_m for i in rows) if h is not None]
+            flown = [h for h in (flown_height(request.frames[i], limits) for i in rows) if h is not None]
             height = float(np.median(flown)) if flown else None
             geometry = geometry_of(request, solved[-1], ground, rows, limits, laid[-1])
             # What cannot be held fixes no focal: the candidates are then the free network's.
@@ -116,6 +116,12 @@ def calibrate(
             for c, (focal, bend) in zip(current, (free.get(c.profile, (False, False)) for c in current))
         ),
     )
+
+
+def flown_height(frame: AlignFrame, limits: Thresholds) -> Optional[float]:
+    """The height that a candidate may be held against; one of a plain GPS altitude rules nothing out."""
+    known = frame.height_sigma_m is None or frame.height_sigma_m <= limits.height_veto_sigma_m
+    return frame.height_m if known else None
 
 
 def _under_control(outcome: Outcome, solution: Solution, job: Job, rows: Rows, profile: str) -> Outcome:

@@ -20,7 +20,7 @@ class AlignFrame:
     ``file`` is where its pixels are (original or harmonized), ``path`` its
     name in the report. ``width`` and ``height`` are of ``file``. ``position``
     is latitude, longitude (degrees), altitude (m), or ``None``. ``sigma_m``
-    is its GPS spread, horizontal and vertical. ``pitch_deg`` is -90 at nadir.
+    is its GPS spread, horizontal and vertical, ``height_sigma_m`` that of ``height_m``. ``pitch_deg`` is -90 at nadir.
     ``lut`` names channel tables (``Lut.id`` in the request) to apply to the in-memory copy.
     """
 
@@ -40,6 +40,7 @@ class AlignFrame:
     pitch_deg: Optional[float] = None
     rtk: bool = False
     lut: Optional[str] = None
+    height_sigma_m: Optional[float] = None
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import pytest
 from sensorgate.stages.align.calibrate import Geometry, Outcome, Trial, choose, setting_for, trials_for
+from sensorgate.stages.align.candidates import flown_height
 from sensorgate.stages.align.model import AlignCamera, Bowing
 from sensorgate.stages.align.solution import CameraSetting
 from sensorgate.stages.intrinsics import Intrinsics
 from sensorgate.stages.thresholds import DEFAULTS
+
+from tests.stages.align.scenes import frames, grid
 
 STRAIGHT = (0.0, 0.0, 0.0, 0.0, 0.0)
 BENT = (-0.1, 0.02, 0.001, 0.0, 0.0)
@@ -174,3 +177,10 @@ def test_a_setting_moves_only_what_its_trial_solves():
         assert setting.solve_distortion is (trial.distortion is None)
         if trial.distortion is not None:
             assert setting.distortion == trial.distortion
+
+
+def test_a_height_from_a_plain_gps_altitude_rules_nothing_out():
+    (frame,) = frames(grid(1, 1))
+    assert flown_height(replace(frame, height_sigma_m=5.0), DEFAULTS) is None
+    assert flown_height(replace(frame, height_sigma_m=2.0), DEFAULTS) == frame.height_m
+    assert flown_height(frame, DEFAULTS) == frame.height_m
