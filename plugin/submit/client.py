@@ -91,7 +91,7 @@ def _node_class() -> Type[Any]:
     """pyodm's ``Node`` with the address and the requests made safe."""
     base: Type[Any] = _library().Node
 
-    class _Node(base):  # type: ignore[valid-type, misc]
+    class _Node(base):  # type: ignore[misc]
         def __init__(self, client: NodeClient) -> None:
             parts = urlsplit(client.address)
             super().__init__(parts.hostname, parts.port or 80, client.token, client.limits.submit_call_timeout_s)

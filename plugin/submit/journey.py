@@ -141,13 +141,13 @@ class Journey:
         if agreed.terms is None:
             self._end(states.REFUSED, "", *agreed.problems)
             return False
-        tried = len(entry.attempts)
+        tried = sum(a.opened for a in entry.attempts)
         if tried >= self.context.limits.submit_max_sends:
             why = entry.attempts[-1].message
             self._end(states.GIVEN_UP, "", f"Tried {tried} times. {why}")
             return False
         number, known = self._free_number(entry)
-        reason = "first" if not tried else entry.attempts[-1].message
+        reason = "first" if not entry.attempts else entry.attempts[-1].message
         attempt = self._attempt(number, reason, agreed.terms)
         if known is not None:
             attempt = replace(
@@ -206,7 +206,7 @@ class Journey:
             with self.context.uploads:
                 transfer.run(attempt)
         except Abandoned as error:
-            self._note(states.DISCARDING, str(error))
+            self._note(states.DISCARDING, f"{error}.")
         except Lost as error:
             self._lost(entry, attempt, str(error))
         except Mismatch as error:
@@ -230,7 +230,8 @@ class Journey:
     def _mismatch(self, entry: Entry, attempt: Attempt, error: Mismatch) -> None:
         """The node took something else: cancel it there, and say so."""
         if set(error.options) == {POLICY_OPTION} and kind_of(self.context.node, self.context.option_list) == "cluster":
-            note = "The node that took it has no sensorgate adapter; the calibration lies where its ODM finds it."
+            kept = "; the calibration lies where its ODM finds it" if attempt.seed else ""
+            note = f"The node of the cluster that took it has no sensorgate adapter{kept}."
             self.ledger.attempt(self.parcel.name, state=states.RUNNING, notes=(*attempt.notes, note))
             self.ledger.journal(attempt.uuid).remove()
             return

@@ -44,7 +44,7 @@ WAITING = "waiting"
 
 @dataclass(frozen=True)
 class Attempt:
-    """One task of a project on a node."""
+    """One task of a project on a node. ``opened`` says that the node took the upload under this uuid."""
 
     number: int
     uuid: str
@@ -54,6 +54,7 @@ class Attempt:
     options: Tuple[Dict[str, Any], ...] = ()
     files: int = 0
     images: int = 0
+    opened: bool = False
     seed: bool = False
     calibration_file: bool = False
     repaired: Tuple[str, ...] = ()
@@ -169,9 +170,18 @@ class Ledger:
         except OSError as error:
             raise UsageError(f"Cannot write the ledger {self.path}: {error.strerror}.") from error
 
+    @property
+    def _journals(self) -> Path:
+        return self.path.with_name(f"{self.path.stem}-uploads")
+
     def journal(self, uuid: str) -> Journal:
         """The journal of one upload."""
-        return Journal(self.path.with_name(f"{self.path.stem}-uploads") / f"{uuid}.txt")
+        return Journal(self._journals / f"{uuid}.txt")
+
+    def tidy(self) -> None:
+        """Remove the folder of journals when all uploads are over; nobody else may be writing one."""
+        if self._journals.is_dir() and not any(self._journals.iterdir()):
+            self._journals.rmdir()
 
 
 class Journal:
@@ -226,8 +236,6 @@ class Journal:
         with self._lock:
             if self._path.exists():
                 self._path.unlink()
-            if self._path.parent.is_dir() and not any(self._path.parent.iterdir()):
-                self._path.parent.rmdir()
 
 
 def open_tasks(entries: Mapping[str, Entry]) -> Tuple[Attempt, ...]:

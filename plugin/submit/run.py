@@ -5,17 +5,18 @@ from __future__ import annotations
 import logging
 import threading
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 from ...stages.errors import Cancelled, SensorgateError, UsageError
 from ...stages.progress import Cancel, Progress
 from ...stages.thresholds import DEFAULTS, Thresholds
 from . import ledger as states
 from .anchor import ISOLATED, choose, product
+from .anchor import NONE as NO_ANCHOR
 from .client import NodeClient
-from .collect import ALL, outputs_for
+from .collect import ALL, NONE, outputs_for
 from .errors import NodeError, NodeUnusable, NotSent, Refused, Unsure
 from .journey import ALIGN_PRODUCT, Context, Journey, Tell
 from .judge import ReadOutcome
@@ -209,7 +210,7 @@ class _Submitting:
         return max(1, min(most, slots + 1 if slots and not context.node.cluster else most))
 
     def _work(self, context: Context, parcels: Sequence[Parcel]) -> None:
-        anchor, followers = choose(parcels, self.settings.align if self.settings.wait else "none")
+        anchor, followers = choose(parcels, self.settings.align if self.settings.wait else NO_ANCHOR)
         if anchor is not None and ALL not in context.assets:
             context = _with_assets(context, (*context.assets, "/".join(ALIGN_PRODUCT)))
         self.shares = {p.name: 0.0 for p in parcels}
@@ -277,6 +278,7 @@ class _Submitting:
             )
 
     def _result(self, left_out: Tuple[str, ...]) -> Submission:
+        self.ledger.tidy()
         entries = self.ledger.entries
         wanted = (states.DONE,) if self.settings.wait else (states.DONE, states.WAITING)
         clean = all(e.state in wanted for e in entries) and not left_out and not self.faults
@@ -292,5 +294,4 @@ class _Submitting:
 
 
 def _with_assets(context: Context, assets: Tuple[str, ...]) -> Context:
-    values: Mapping[str, Any] = {**context.__dict__, "assets": tuple(a for a in assets if a != "none")}
-    return Context(**values)
+    return replace(context, assets=tuple(a for a in assets if a != NONE))

@@ -95,9 +95,9 @@ class Transfer:
             # The node knows this uuid: our own task whose answer was lost, or one whose ledger was.
             known = self.patience.keep_asking(lambda: self.client.task(attempt.uuid))
             if known is None:
-                raise Abandoned("the node does not take the task's uuid") from error
+                raise Abandoned("The node does not take the task's uuid") from error
             return self._to(states.VERIFYING)
-        return self._to(states.UPLOADING)
+        return self.ledger.attempt(self.parcel.name, state=states.UPLOADING, opened=True)
 
     def _upload(self, attempt: Attempt, journal: Journal) -> None:
         with tempfile.TemporaryDirectory(prefix="sensorgate-") as scratch:
@@ -153,7 +153,7 @@ class Transfer:
             self.patience.keep_asking(once, repeat=(NotSent,))
         except Refused as error:
             if any(sign in error.text.lower() for sign in _NO_UPLOAD):
-                raise Abandoned("the node forgot the upload") from error
+                raise Abandoned("The node forgot the upload") from error
             if error.text == "413" or "max images" in error.text.lower():
                 raise
         except Unsure:
@@ -174,7 +174,7 @@ class Transfer:
             self._send(attempt, Item(SEED, str(path), path.stat().st_size), journal)
             if SEED in journal.done:
                 return
-        raise Abandoned("the archive that was to mend the upload got no answer")
+        raise Abandoned("The archive that was to mend the upload got no answer")
 
     def _commit(self, attempt: Attempt) -> None:
         """Make a task of the upload, once. Where there was no answer, look before asking again."""
@@ -193,7 +193,7 @@ class Transfer:
                 if self._known(attempt, looks=self.patience.limits.submit_lost_answers):
                     return
                 if any(sign in error.text.lower() for sign in _NO_UPLOAD):
-                    raise Abandoned("the node forgot the upload before it became a task") from error
+                    raise Abandoned("The node forgot the upload before it became a task") from error
                 raise
 
     def _known(self, attempt: Attempt, looks: int) -> bool:
@@ -213,18 +213,18 @@ class Transfer:
             if view is None:
                 unknown += 1
                 if unknown >= limits.submit_lost_answers:
-                    raise Lost("the node does not know the task any more")
+                    raise Lost("The node does not know the task any more")
             elif view.settled:
                 break
             else:
                 unknown = 0
                 if waited > limits.submit_settle_s:
-                    raise Abandoned("the node did not come to an end with sorting the files")
+                    raise Abandoned("The node did not come to an end with sorting the files")
             pause = limits.submit_poll_s if waited > limits.submit_retry_s else limits.submit_poll_s / 10
             self.patience.wait(pause)
             waited += pause
         if view.status == FAILED and "extract .zip" in view.message:
-            raise Abandoned("the archive that was to mend the upload arrived in part")
+            raise Abandoned("The archive that was to mend the upload arrived in part")
         if view.status not in (FAILED, CANCELED):
             self._compare(attempt, view)
         return view

@@ -210,6 +210,24 @@ def test_a_node_that_dies_of_numbers_gets_none_the_second_time(tmp_path):
         assert "gps-accuracy is left out" in "\n".join(lines(result))
 
 
+def test_a_cluster_that_keeps_the_uuid_of_a_removed_task(tmp_path):
+    # ClusterODM keeps its route of a task that was removed: it refuses the uuid and knows no task of it.
+    project(tmp_path, "rgb")
+
+    class Remembering(NodeDouble):
+        def init(self, uuid, fields):
+            if uuid in self.forgotten:
+                return {"error": f"Invalid set-uuid: {uuid}"}
+            return super().init(uuid, fields)
+
+    with Remembering(Behaviour(cluster=True)) as node:
+        for number in range(5):
+            (tmp_path / "submit.json").unlink(missing_ok=True)
+            result = go(tmp_path, node)
+            assert result.exit_code == 0 and len(result.entries[0].attempts) == number + 1
+            node.kill()
+
+
 def test_it_gives_up_where_the_node_always_dies(tmp_path):
     project(tmp_path, "rgb")
 
