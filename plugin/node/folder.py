@@ -77,7 +77,7 @@ def _check(odm: Path, out: Path, wheels: Optional[Path]) -> List[str]:
     if out.resolve() == odm.resolve() or odm.resolve() in out.resolve().parents:
         raise UsageError(f"{out} lies inside ODM. Choose a folder beside it: ODM stays as it is.")
     if not odm.exists():
-        return [f"There is no {odm} on this machine; the folder will look for ODM there where it runs, then in /code."]
+        return [f"There is no {odm} on this machine; it has to be there where the node runs."]
     if not (odm / "run.sh").is_file() or not any((odm / name).is_file() for name in PARSERS):
         raise UsageError(f"{odm} is no ODM: run.sh and {PARSERS[0]} are not there.")
     return []
