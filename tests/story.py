@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import statistics
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Optional, Set, Tuple
 
 from sensorgate.plugin import pipeline
 
 from tests import simulator
+from tests.simulator.stories import WRONG_SHEET
 from tests.simulator.truth import Truth
 
 
@@ -29,6 +31,9 @@ def play(story: str, folder: Path, *, seed: int = 0, scale: float = 1.0, **setti
     truth = simulator.render(story, survey, seed=seed, frames_scale=scale)
     if truth.gcp_file and "gcp" not in settings:
         settings["gcp"] = str(survey / truth.gcp_file)
+    if story == "wrong-sheet" and "calibration" not in settings:
+        settings["calibration"] = str(folder / "sheet.csv")
+        (folder / "sheet.csv").write_text(WRONG_SHEET, encoding="utf-8")
     out = folder / "out"
     result = pipeline.run([str(survey / "images")], out, pipeline.Settings(**settings))
     return Outcome(truth, result.report, result.exit_code, survey, out)
@@ -84,6 +89,61 @@ def open_loops(outcome: Outcome) -> List[str]:
             codes = [f["code"] for f in checked.report["findings"] if f["severity"] == "error"]
             said.append(f"{project['name']}: {checked.report['verdict']} {codes}")
     return said
+
+
+@dataclass(frozen=True)
+class Focal:
+    """One written camera against the truth: ``error`` is its focal over the true one, less 1.
+
+    ``fixed`` says that the focal was solved and that the report calls the block's geometry good enough for it.
+    """
+
+    profile: str
+    source: str
+    held: bool
+    fixed: bool
+    error: float
+
+
+def focals(outcome: Outcome) -> List[Focal]:
+    """Every camera of every project beside the true cameras of its frames, the worst of them."""
+    true: Dict[str, Set[float]] = {}
+    told = {_tail(f.path): f for f in outcome.truth.frames}
+    for frame in outcome.report["frames"]:
+        known = told.get(_tail(frame["path"]))
+        if frame["profile"] and known is not None:
+            camera = known.camera
+            ratio = camera.focal_ratio * camera.width / max(camera.width, camera.height)
+            true.setdefault(frame["profile"], set()).add(ratio)
+    found = []
+    for project in outcome.report["subprojects"]:
+        for camera in project["calibration"]:
+            ratio, known_ratios = camera["focal_ratio"], true.get(camera["profile"], set())
+            if ratio is not None and known_ratios:
+                error = max((ratio / t - 1.0 for t in known_ratios), key=abs)
+                fixed = camera["source"] == "solved" and "the geometry fixes the focal" in camera["reason"]
+                found.append(Focal(camera["profile"], camera["source"], camera["held"], fixed, error))
+    return found
+
+
+def check_points(outcome: Outcome) -> List[Tuple[str, int, float, float]]:
+    """Project, number of check points, and what they miss by, horizontally and vertically, in GSD."""
+    found = []
+    gsd_m = {_tail(f.path): f.gsd_cm / 100.0 for f in outcome.truth.frames}
+    for project in outcome.report["subprojects"]:
+        control = (project["alignment"] or {}).get("control") or {}
+        if not control.get("check_points"):
+            continue
+        gsd = statistics.median(gsd_m[_tail(p)] for p in project["frames"])
+        flat, up = control["check_horizontal_m"] / gsd, control["check_vertical_m"] / gsd
+        found.append((project["name"], control["check_points"], flat, up))
+    return found
+
+
+def candidates(outcome: Outcome, project: int = 0) -> List[Dict[str, Any]]:
+    """The calibrations that were tried on one project's matches."""
+    alignment = outcome.report["subprojects"][project]["alignment"]
+    return list(alignment["candidates"]) if alignment else []
 
 
 def _tail(path: str) -> str:

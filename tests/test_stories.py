@@ -1,19 +1,16 @@
-"""Whole rendered surveys through the main job, held against their truth: the long stories of ``make test-all``."""
+"""Whole rendered surveys through the main job, held against their truth. The long ones run in ``make test-all``."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import pytest
 
 pytest.importorskip("cv2")
 pytest.importorskip("pycolmap")
 
-from tests import simulator
-from tests.simulator.run import gcp_text
-from tests.story import lost_frames, open_loops, play, wrong_routes
+from tests.story import candidates, check_points, focals, lost_frames, open_loops, play, wrong_routes
 
-STORIES = (
+QUICK = ("wrong-sheet", "undefined-rationals")
+LONG = (
     "clean",
     "demo",
     "demo-nasty",
@@ -27,17 +24,52 @@ STORIES = (
     "stale-tags",
     "one-other-size",
     "obliques",
+    "thermal-mixed",
+    "second-scene",
+    "five-frames",
+    "two-surveys",
+    "two-areas",
+    "digital-zoom",
+    "parrot-rig",
+    "rolling-shutter",
+    "swapped-captures",
+    "offset-altitudes",
 )
+# Solved on geometry that fixes it; see the stories for what does.
+FOCAL_ERROR = 0.005
+CHECK_HORIZONTAL_GSD, CHECK_VERTICAL_GSD = 1.5, 3.0
+WITH_CONTROL = {"clean", "firmware-drift", "demo", "demo-nasty", "wrong-sheet", "rolling-shutter"}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("story", STORIES)
+@pytest.mark.parametrize("story", [*QUICK, *(pytest.param(s, marks=pytest.mark.slow) for s in LONG)])
 def test_every_payload_goes_where_the_truth_says(story, tmp_path):
-    # Without GPS only ground control proves a block: its own test has it.
-    outcome = play(story, tmp_path, **({"gcp": None} if story == "no-gps" else {}))
+    outcome = play(story, tmp_path)
     assert wrong_routes(outcome) == []
     assert lost_frames(outcome) == []
     assert open_loops(outcome) == []
+    assert [c for c in focals(outcome) if c.fixed and abs(c.error) > FOCAL_ERROR] == []
+    checked = check_points(outcome)
+    assert bool(checked) == (story in WITH_CONTROL)
+    for name, points, horizontal, vertical in checked:
+        assert points == 3, name
+        assert horizontal <= CHECK_HORIZONTAL_GSD, name
+        assert vertical <= CHECK_VERTICAL_GSD, name
+
+
+def test_a_lens_set_free_bows_and_held_does_not(tmp_path):
+    outcome = play("bowl", tmp_path)
+    assert wrong_routes(outcome) + lost_frames(outcome) + open_loops(outcome) == []
+    (camera,) = focals(outcome)
+    assert (camera.source, camera.held) == ("xmp-dewarp", True)
+    assert abs(camera.error) < 1e-4
+    (project,) = outcome.report["subprojects"]
+    assert "use-fixed-camera-params" in {o["name"] for o in project["options"]}
+    (held,) = [c for c in candidates(outcome) if c["chosen"]]
+    (free,) = [c for c in candidates(outcome) if (c["focal_source"], c["distortion_source"]) == ("solved", "solved")]
+    assert held["held"] and not free["held"]
+    assert abs(free["bowing"]["bowing_m"]) > 5.0 * free["bowing"]["se_m"]
+    assert abs(held["bowing"]["bowing_m"]) < 2.0 * held["bowing"]["se_m"]
+    assert abs(held["bowing"]["bowing_m"]) < 0.2 * abs(free["bowing"]["bowing_m"])
 
 
 @pytest.mark.slow
@@ -51,21 +83,3 @@ def test_bad_files_among_good_ones_lose_no_other_frame(tmp_path):
     told = {f.path.rsplit("/", 1)[-1] for f in outcome.truth.frames if f.lies}
     told |= {path.rsplit("/", 1)[-1] for path in outcome.truth.extra}
     assert homeless <= told
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("story", ["clean", "no-gps"])
-def test_ground_control_is_held_and_check_points_come_out(story, tmp_path):
-    survey = tmp_path / "marks"
-    truth = simulator.render(story, survey)
-    marked = {m.path for p in truth.points for m in p.marks}
-    everything = [replace(p, role="gcp") for p in truth.points]
-    (tmp_path / "gcp.txt").write_text(gcp_text(everything, "utm", marked), encoding="utf-8")
-    outcome = play(story, tmp_path, gcp=str(tmp_path / "gcp.txt"))
-    (project,) = outcome.report["subprojects"]
-    control = project["alignment"]["control"]
-    gsd_m = min(f.gsd_cm for f in truth.frames) / 100.0
-    assert project["route"] == "proceed" and project["gcp"]["points"] == 5
-    assert control["held"] and control["check_points"] == 3
-    assert control["check_horizontal_m"] <= 1.5 * gsd_m and control["check_vertical_m"] <= 3.0 * gsd_m
-    assert lost_frames(outcome) == []
