@@ -66,7 +66,8 @@ def _headline(outcome: Outcome, name: str) -> str:
     if outcome.state == FINISHED:
         return f"{name}: ODM{version} finished."
     where = f" in its {outcome.stage} stage" if outcome.stage else ""
-    return f"{name}: ODM{version} {'failed' if outcome.state == FAILED else 'is not finished; it stands'}{where}."
+    ended = "failed" if outcome.state == FAILED else "has not finished; it stopped or still works"
+    return f"{name}: ODM{version} {ended}{where}."
 
 
 def _placed(outcome: Outcome) -> List[str]:
