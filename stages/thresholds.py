@@ -421,6 +421,7 @@ class Thresholds:
     # --- ahead of ODM on a node ------------------------------------------------------
     node_grace_s: float = _number(20.0, "s", "ODM ends its own programs within seconds; what is left then is killed")
     node_lock_wait_s: float = _number(60.0, "s", "the earlier run of a restarted task ends within its grace")
+    node_silence_s: float = _number(30.0, "s", "a person at the console takes longer silence for a standstill")
     node_calibration_bytes: int = _number(1024 * 1024, "bytes", "a cameras file of a hundred cameras stays below")
     node_gate_percent: float = _number(2.0, "%", "of a task's progress after the gate; ODM's first stage ends at 5")
     node_ahead_percent: float = _number(4.0, "%", "of a task's progress when ODM starts")

@@ -33,8 +33,10 @@ class Children:
 
     def listen(self) -> None:
         """Take over the signals that end a task."""
-        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-            signal.signal(number, self._stop)
+        signal.signal(signal.SIGTERM, self._stop)
+        for number in (signal.SIGINT, signal.SIGHUP):
+            if signal.getsignal(number) != signal.SIG_IGN:  # nohup, or the background of a shell
+                signal.signal(number, self._stop)
 
     def _stop(self, number: int, frame: Any) -> None:
         self._stopping = True

@@ -99,6 +99,11 @@ class Command:
         """Whether ``--name`` was given."""
         return any(w.name == f"--{name}" for w in self.words)
 
+    def with_value(self, name: str, value: str) -> "Command":
+        """The same command line with another value of ``--name``."""
+        words = tuple(Word(w.name, value) if w.name == f"--{name}" else w for w in self.words)
+        return Command(self.ours, words)
+
     @property
     def project_path(self) -> Optional[str]:
         """The folder of projects."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import time
 import traceback
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -101,6 +102,7 @@ class _Work:
         self.broadcast = Broadcast(request.name)
         self.stages: List[Stage] = []
         self._step = ""
+        self._told = 0.0
         self._from = 0.0
         self._to = DEFAULTS.node_gate_percent
 
@@ -120,6 +122,10 @@ class _Work:
                 "align": "align: proving which frames belong together",
             }
             self.stages[-1].say(INFO, texts[step])
+            self._told = time.monotonic()
+        elif time.monotonic() - self._told > DEFAULTS.node_silence_s:
+            self._told = time.monotonic()
+            say(INFO, f"{step}: {what}, {done} of {total}" if total else f"{step}: {what}")
         share = done / total if total else 0.0
         # Of the second stage the copies take about half, the alignment the rest.
         begin, size = {"gate": (0.0, 1.0), "harmonize": (0.0, 0.5), "align": (0.5, 0.5)}[step]

@@ -28,6 +28,9 @@ from .workplace import IMAGES, Busy, Part, State, Workplace, image_groups, names
 # EX_DATAERR: a node shows it as "Processing failed (65)", and no program of ODM ends with it.
 REFUSED = 65
 USAGE = 2
+# What a node keeps beside the ground control, and how much of a file tells what it is.
+_NO_POINTS = ("geo.txt", "image_groups.txt")
+_MOST_TEXT = 1 << 20
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _FINISHED = re.compile(r"Finished (\w+) stage")
 # Where ODM's progress stands at the end of each stage of a survey that is not split.
@@ -108,7 +111,7 @@ class Task:
             say(INFO, "A piece of a split survey: it was looked at before it was split.")
             return self._odm_as_asked()
         if self.policy == options.OFF and place.load() is None:
-            return self._odm_as_asked()
+            return self._odm_as_asked(self._cameras(place))
         with place.alone(self.limits.node_lock_wait_s):
             return self._in(place)
 
@@ -120,7 +123,7 @@ class Task:
             return self._odm_as_asked(self._cameras(place))
         request = self._request(place)
         digest = self._digest(place, request)
-        if state.digest == digest and place.has(state.parts):
+        if self.policy != options.REPORT and state.digest == digest and place.has(state.parts):
             say(INFO, "The frames were prepared by an earlier run of this task and have not changed.")
             decision = after_alignment(self.policy, state.parts)
             answer: Optional[Answer] = Answer(decision.do, decision.reasons, state.parts, state.stages)
@@ -159,7 +162,7 @@ class Task:
             gsd_target=ours.get(options.GSD, "finest"),
             align=options.NO_ALIGN not in ours,
             force_gcp=options.FORCE_GCP in ours,
-            gcp=self._file("gcp", place.root / "gcp_list.txt"),
+            gcp=self._gcp(place),
             geo=self._file("geo", place.root / "geo.txt"),
         )
 
@@ -169,6 +172,18 @@ class Task:
         if named is not None:
             return os.path.abspath(named) if os.path.isfile(named) else None
         return str(usual) if usual.is_file() else None
+
+    def _gcp(self, place: Workplace) -> Optional[str]:
+        """The ground control; a node takes the first text file by name for it, whatever it holds."""
+        taken = self._file("gcp", place.root / "gcp_list.txt")
+        if taken is None or holds_points(Path(taken)):
+            return taken
+        beside = [p for p in sorted(Path(taken).parent.glob("*.txt")) if p.name not in _NO_POINTS and holds_points(p)]
+        if not beside or Path(taken).parent == place.root:
+            return taken
+        say(WARNING, f"{Path(taken).name} holds no ground control points; {beside[0].name} beside it is taken.")
+        self.command = self.command.with_value("gcp", str(beside[0]))
+        return str(beside[0])
 
     def _digest(self, place: Workplace, request: Request) -> str:
         solver = importlib.util.find_spec("pycolmap") is not None
@@ -366,6 +381,23 @@ class Task:
             return percent if alone else ahead + (100.0 - ahead) * (done + frames * percent / 100.0) / max(1, total)
 
         return self._odm(spelled(run.words, run.project_path, run.name), self._passing_on(of_task))
+
+
+def holds_points(file: Path) -> bool:
+    """Whether a line of the file is one of ground control: five numbers and an image's name."""
+    try:
+        with open(file, encoding="utf-8", errors="replace") as stream:
+            lines = stream.read(_MOST_TEXT).splitlines()
+    except OSError:
+        return False
+    for line in lines:
+        words = line.split()
+        try:
+            if len([float(w) for w in words[:5]]) == 5 and len(words) > 5:
+                return True
+        except ValueError:
+            continue
+    return False
 
 
 def _clear(place: Workplace) -> None:

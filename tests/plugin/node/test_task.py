@@ -165,6 +165,8 @@ def test_switched_off_later_odm_starts_from_nothing_of_ours(node, mixed_images):
     last = node.calls()[-1]
     assert last["root"] == str(task)
     assert "opensfm" not in last["found"]
+    assert node.run("task", NO_ALIGN, "--mixed-sensor-policy", "report").returncode == 0
+    assert node.calls()[-1]["root"] == str(task)
     assert node.run("task", NO_ALIGN).returncode == 0
     assert (task / "sensorgate_node/earlier/opensfm").is_dir()
 
@@ -285,6 +287,18 @@ def test_ground_control_that_cannot_be_read_leaves_the_task_to_odm(node, mixed_i
     assert "could not look" in done.stdout
     assert "--gcp" in node.calls()[0]["argv"]
     assert node.run("task", "--gcp", str(bad), "--mixed-sensor-policy", "strict").returncode == 65
+
+
+def test_notes_are_not_taken_for_ground_control(node, clean_images):
+    """A node names the first text file, and that may be anything."""
+    task = put(node, clean_images)
+    (task / "gcp").mkdir()
+    (task / "gcp/a_notes.txt").write_text("flown at 45 m\nwind 3 m/s from the west, 1 2 3 4\n")
+    (task / "gcp/gcp_list.txt").write_text("EPSG:4326\n8.7 47.2 440 100 200 DJI_0001.JPG\n")
+    done = node.run("task", "--gcp", str(task / "gcp/a_notes.txt"), "--mixed-sensor-policy", "report")
+    assert done.returncode == 0
+    assert "a_notes.txt holds no ground control points" in done.stdout
+    assert node.calls()[0]["argv"][:2] == ["--gcp", str(task / "gcp/gcp_list.txt")]
 
 
 def test_folders_that_are_no_task_are_left_to_odm(node):
