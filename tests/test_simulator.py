@@ -101,6 +101,16 @@ def test_undistort_inverts_distort_and_rays_use_it():
     assert distort(undistort(spot, camera.distortion), camera.distortion) == pytest.approx(spot, abs=1e-8)
 
 
+def test_a_fisheye_is_pix4ds():
+    camera = Camera(1280, 960, 0.83, (20.0, -9.0), fisheye=(0.0059, -0.137))
+    ray = np.array([[0.6, -0.45]])
+    share = np.arctan(0.75) * 2.0 / np.pi
+    affine = camera.focal_px * np.pi / 2.0
+    expected = affine * (share + 0.0059 * share**2 - 0.137 * share**3) * ray / 0.75
+    assert camera.bend(ray) * camera.focal_px == pytest.approx(expected)
+    assert camera.unbend(camera.bend(ray)) == pytest.approx(ray, abs=1e-7)
+
+
 def test_a_gimbal_looks_where_it_says():
     nadir = look(0.0, -90.0, 0.0)
     assert nadir[0] == pytest.approx([1, 0, 0], abs=1e-12)  # right is east
@@ -236,6 +246,49 @@ def test_thermal_keeps_its_raw_counts_beside_the_picture(everything):
     assert np.corrcoef(counts[inside], picture[inside])[0, 1] > 0.98
 
 
+@pytest.fixture(scope="module")
+def makers(tmp_path_factory):
+    """One frame or capture of Parrot's and FLIR's cameras."""
+    duo = replace(catalogue.vue_pro("duo"), dialect="flir-jpeg", model="Duo Pro R", name_pattern="R{number:04d}.JPG")
+    payloads = [catalogue.with_band_size(p, 0.25) for p in (catalogue.anafi(), catalogue.sequoia())]
+    payloads += [catalogue.with_band_size(catalogue.sequoia_rgb(), 0.25), catalogue.vue_pro(), duo]
+    survey = survey_of(*payloads, plan=Plan(height_m=40.0, strips=1, per_strip=1))
+    return render(survey, tmp_path_factory.mktemp("makers"))
+
+
+@pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool is not installed")
+def test_exiftool_reads_parrot_and_flir(makers):
+    names = [str(makers.image_dir / f.path) for f in makers.frames]
+    done = subprocess.run(["exiftool", "-json", "-n", "-G1", *names], capture_output=True, check=True)
+    for frame, tags in zip(makers.frames, json.loads(done.stdout)):
+        assert "ExifTool:Error" not in tags
+        assert tags["IFD0:Make"] == ("Parrot" if frame.payload in ("anafi", "sequoia", "sequoia-rgb") else "FLIR")
+        camera = frame.camera
+        if frame.payload == "sequoia":
+            affine = [float(v) for v in tags["XMP-Camera:FisheyeAffineMatrix"].split(",")]
+            assert affine[0] == affine[3] == pytest.approx(camera.focal_ratio * camera.width * np.pi / 2.0)
+            assert [float(v) for v in tags["XMP-Camera:FisheyePolynomial"].split(",")[2:]] == list(camera.fisheye)
+            assert tags["XMP-Camera:BandName"] == frame.band
+            assert abs(float(tags["XMP-Camera:Pitch"])) < 5.0
+            assert tags["IFD0:StripOffsets"] < 10_000
+        if frame.payload == "sequoia-rgb":
+            k1, k2, p1, p2, k3 = camera.distortion
+            told = [float(v) for v in tags["XMP-Camera:PerspectiveDistortion"].split(",")]
+            assert told == pytest.approx([k1, k2, k3, p1, p2])
+            assert "XMP-Camera:CaptureUUID" not in tags
+        if frame.payload == "anafi":
+            assert float(tags["XMP-drone-parrot:CameraPitchDegree"]) == pytest.approx(-90.0, abs=5.0)
+        if frame.payload == "duo":
+            assert (tags["FLIR:RawThermalImageWidth"], tags["FLIR:RawThermalImageHeight"]) == (640, 512)
+
+
+def test_a_vue_pro_writes_kelvin(makers):
+    (frame,) = makers.of("vue")
+    counts = cv2.imread(str(makers.image_dir / frame.path), cv2.IMREAD_UNCHANGED)
+    assert counts.dtype == np.uint16 and counts.shape == (512, 640)
+    assert 10.0 < float(np.median(counts)) * 0.04 - 273.15 < 60.0
+
+
 # --- what the frames show ----------------------------------------------------------
 
 
@@ -264,6 +317,33 @@ def test_targets_lie_where_the_truth_says(tmp_path):
         assert len(found) >= 4, profile
         assert np.median(found) < 0.15, profile
         assert max(found) < 0.3, profile
+
+
+def test_rows_read_one_after_another_and_fisheyes_show_targets_where_the_truth_says(tmp_path):
+    points = [ControlPoint(f"p{i}", GROUND.id, x, y) for i, (x, y) in enumerate([(0, 0), (-9, 5), (8, -6), (8, 6)])]
+    slow = catalogue.with_band_size(catalogue.anafi(), 0.6)
+    slow = replace(slow, bands=(replace(slow.bands[0], readout_s=0.4),))
+    fish = catalogue.sequoia()
+    fish = catalogue.with_band_size(replace(fish, bands=fish.bands[:1]), 0.6)
+    plan = Plan(height_m=26.0, strips=1, per_strip=2, forward=0.8, speed_mps=10.0)
+    survey = survey_of(slow, fish, plan=plan, points=points)
+    truth = render(survey, tmp_path)
+    still = replace(survey, shots=tuple(replace(s, velocity_mps=(0.0, 0.0)) for s in survey.shots))
+    errors, moved = {}, []
+    for point in truth.points:
+        for mark in point.marks:
+            image = cv2.imread(str(truth.image_dir / mark.path), cv2.IMREAD_UNCHANGED)
+            errors.setdefault(truth.frame(mark.path).payload, []).append(mark_error(image, mark))
+            shot = next(s for s in still.shots if s.path == mark.path)
+            payload = survey.payload(shot.payload)
+            xyz = np.array([[point.east_m, point.north_m, point.up_m]])
+            there = project(xyz, shot.optics(payload), shot.rotation(payload), np.array(shot.position))[0]
+            moved.append(float(np.hypot(*(there - (mark.x_px, mark.y_px)))))
+    assert max(moved) > 10.0
+    assert set(errors) == {"anafi", "sequoia"}
+    for found in errors.values():
+        assert len(found) >= 4
+        assert np.median(found) < 0.15 and max(found) < 0.3
 
 
 def test_gcp_file_is_odms(tiny):
@@ -460,6 +540,41 @@ def test_a_shifted_gps_moves_only_what_is_said(tmp_path):
         origin = Origin(a.reported.latitude, a.reported.longitude, a.reported.altitude_m)
         moved = origin.to_enu(b.reported.latitude, b.reported.longitude, b.reported.altitude_m)
         assert moved == pytest.approx((12.0, -7.0, 3.0), abs=1e-3)
+
+
+def test_rationals_can_be_undefined(tmp_path):
+    camera = catalogue.with_band_size(catalogue.compact(), 0.2)
+    plan = Plan(height_m=40.0, strips=1, per_strip=2)
+    survey = lies.undefine(survey_of(camera, plan=plan), "compact", ("focal-plane", "zoom"), lambda s, i: i == 1)
+    truth = render(survey, tmp_path)
+    exif = [exif_of(truth.image_dir / f.path)[2] for f in truth.frames]
+    for tag in (41486, 41487, 41988):
+        assert float(exif[0][tag]) > 0.0
+        assert (exif[1][tag].numerator, exif[1][tag].denominator) == (0, 0)
+
+
+def test_digital_zoom_is_in_the_picture_and_in_the_tags(tmp_path):
+    truth = render(lies.zoom(small(2), "p4p", 2.0, lambda shot, index: index == 1), tmp_path)
+    plain, near = truth.frames
+    assert near.camera.focal_ratio == 2.0 * plain.camera.focal_ratio
+    exif = [exif_of(truth.image_dir / f.path)[2] for f in truth.frames]
+    assert [(float(e[41988]), e[41989], float(e[37386])) for e in exif] == [(1.0, 24, 8.8), (2.0, 48, 8.8)]
+
+
+def test_captures_can_be_swapped_and_a_second_camera_flies_beside():
+    survey = build("swapped-captures")
+    own = [s for s in survey.shots if s.band == 3]
+    told = {s.capture: s.reported.capture_id for s in survey.shots if s.band == 0}
+    wrong = [s.path for s in own if s.reported.capture_id != told[s.capture]]
+    assert wrong == [own[2].path, own[5].path]
+    rig = build("parrot-rig")
+    green = [s for s in rig.shots if s.payload == "sequoia" and s.band == 0]
+    colour = [s for s in rig.shots if s.payload == "sequoia-rgb"]
+    assert len(green) == len(colour) == 8
+    for a, b in zip(green, colour):
+        assert a.reported.latitude == b.reported.latitude
+        assert b.reported.time_s - a.reported.time_s == pytest.approx(0.058)
+        assert 0.3 < np.linalg.norm(np.subtract(a.position, b.position)) < 0.8
 
 
 def test_files_can_be_spoiled(tmp_path):
