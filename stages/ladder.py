@@ -114,7 +114,8 @@ class Ladder:
             if len(names) == 1 or all(
                 p.strong_cross_pairs >= self.limits.min_strong_pairs for p in done.report.payloads
             ):
-                return [group_of(done.request, UNPROVEN, (*notes, *_reasons(done.report)), done.report)]
+                split = self._by_models(done, route, notes)
+                return split or [group_of(done.request, UNPROVEN, (*notes, *_reasons(done.report)), done.report)]
             return self._each_alone(done.request, done, route)
         found = self.climb(subset(done.request, set(verdicts[PASS])), route)
         for payload in sorted(verdicts[UNPROVEN]):

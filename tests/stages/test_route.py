@@ -319,7 +319,7 @@ def test_nothing_to_hold_or_nothing_free_is_no_split(solver, tmp_path):
         assert len(made.calls) == 1
 
 
-@pytest.mark.parametrize("verdict", ["pass", "fail"])
+@pytest.mark.parametrize("verdict", ["pass", "fail", "unproven"])
 def test_a_payload_that_is_two_surveys_becomes_two_projects(monkeypatch, tmp_path, verdict):
     second = {f"a/{i:03d}.jpg" for i in range(11, 18)}
 
