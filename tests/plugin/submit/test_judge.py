@@ -58,13 +58,18 @@ def test_unproven_is_no_reason_to_throw_a_result_away(tmp_path):
     )
 
 
+def test_a_run_that_ended_early_is_no_result(tmp_path):
+    told = SimpleNamespace(route="unproven", reasons=("it stopped",), state="failed")
+    assert judge(view(COMPLETED), tmp_path, [], lambda f: told).route == "stop"
+
+
 @pytest.mark.parametrize("error", [ValueError, KeyError, OSError, AttributeError])
 def test_a_result_that_cannot_be_read_is_judged_by_its_console(tmp_path, error):
     def reader(folder):
         raise error("x")
 
     assert judge(view(COMPLETED), tmp_path, ["fine"], reader).route == "proceed"
-    poor = ["Multiple reconstructions detected (3), this might be an indicator"]
+    poor = ["[WARNING] Multiple reconstructions detected (3), this might be an indicator"]
     found = judge(view(COMPLETED), tmp_path, poor, reader)
     assert found.route == "pairwise" and "3 separate" in found.reasons[0]
 

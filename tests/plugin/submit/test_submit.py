@@ -317,7 +317,7 @@ def test_a_failed_task_goes_back_to_the_router(tmp_path):
         told = {t.name: sorted(t.images) for t in node.tasks.values()}
         assert told == {"rgb": ["A1.JPG", "A2.JPG", "B1.JPG"], "rgb-a": ["A1.JPG", "A2.JPG"], "rgb-b": ["B1.JPG"]}
         text = "\n".join(lines(result))
-        assert "bands of the captures" in text and "goes on as rgb-a, rgb-b" in text
+        assert "bands of its captures" in text and "goes on as rgb-a, rgb-b" in text
         assert record(result)["payloads"]["b"] == [{"project": "rgb-b", "state": "done", "route": "proceed"}]
         sent = sum(node.received.values())
         assert go(tmp_path, node).exit_code == 1 and sum(node.received.values()) == sent
