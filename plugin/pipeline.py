@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
+from ..stages.align.images import undecoded
 from ..stages.assemble import Group, request_of
 from ..stages.errors import BlockedError, MissingDependency, SensorgateError
 from ..stages.finding import Finding, sort_key
@@ -16,9 +17,9 @@ from ..stages.progress import Cancel, Progress, check
 from ..stages.proven import apart
 from ..stages.read import Found
 from ..stages.record import dumps, to_plain, write_text
-from .harmonizing import harmonize
+from .harmonizing import Harmonized, harmonize
 from .inspection import DEFAULT_SETTINGS, Inspection, Settings, inspect
-from .placing import Placed, place, without_alignment
+from .placing import Placed, frames_of, place, without_alignment
 from .remembering import Memory, learned
 from .report import build as reporting
 from .workfolder import WorkFolder, disk_errors, open_folder
@@ -148,6 +149,7 @@ def _produce(
     for group in ready.groups:
         check(cancel)
         placed.extend(_prove(group, inspection, folder, ready.copies, progress, cancel))
+    placed, ready = _decodable(placed, ready)
     groups = apart([(p.group.spectrum, p.group.area, p.proven) for p in placed])
     placed = [replace(p, proven=g) for p, g in zip(placed, groups)]
     written = place(placed, inspection, ready, folder.folder("result"))
@@ -211,6 +213,34 @@ def _prove(
         )
         folder.keep(kept_name, proof)
     return [Placed(group, proven) for proven in proof.groups]
+
+
+def _decodable(placed: Sequence[Placed], ready: Harmonized) -> Tuple[List[Placed], Harmonized]:
+    """Frames that the solver could not decode leave: one of them ends ODM's whole run."""
+    lost: Dict[str, str] = {}
+    kept: List[Placed] = []
+    for item in placed:
+        notes = item.proven.alignment.notes if item.proven.alignment is not None else ()
+        damaged = set(undecoded(item.proven.frames, notes))
+        whole = replace(item, proven=replace(item.proven, frames=tuple(sorted({*item.proven.frames} - damaged))))
+        left = set(frames_of(whole, ready.inspection.survey)) if whole.proven.frames else set()
+        for path in frames_of(item, ready.inspection.survey) if damaged else ():
+            if path not in left:
+                lost[path] = "pixels-broken" if path in damaged else "capture-incomplete"
+        if whole.proven.frames:
+            kept.append(whole if damaged else item)
+    damaged_paths = tuple(p for p in sorted(lost) if lost[p] == "pixels-broken")
+    if not damaged_paths:
+        return list(placed), ready
+    finding = Finding(
+        code="pixels-broken",
+        severity="error",
+        subjects=damaged_paths,
+        message=f"{len(damaged_paths)} frames have a good header, but their picture cannot be decoded.",
+        remedy="Copy the files from the card again and run once more.",
+        measured=float(len(damaged_paths)),
+    )
+    return kept, replace(ready, dropped={**ready.dropped, **lost}, findings=(*ready.findings, finding))
 
 
 def _conserve(report: Mapping[str, Any]) -> None:

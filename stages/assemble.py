@@ -14,7 +14,7 @@ from typing import Dict, List, Mapping, Optional, Sequence, Set, Tuple
 from .align.model import AlignCamera, AlignFrame, AlignRequest, GcpMark
 from .captures import seconds
 from .frame import Frame
-from .gate import gps_outliers, incomplete_captures, is_rtk_fixed, kept_bands, rig_kind
+from .gate import cut_short, gps_outliers, incomplete_captures, is_rtk_fixed, kept_bands, rig_kind
 from .harmonize.model import HarmonizedFrame
 from .profile import MULTISPECTRAL, CameraProfile, Payload, SurveyFrame
 from .survey import Survey
@@ -40,8 +40,8 @@ class Group:
 
 
 def left_out(survey: Survey) -> Dict[str, str]:
-    """Path -> finding code of survey frames that no project can take (incomplete captures, lost bands)."""
-    out: Dict[str, str] = {}
+    """Path -> finding code of survey frames that no project can take (cut files, incomplete captures, lost bands)."""
+    out: Dict[str, str] = dict.fromkeys(cut_short(survey), "picture-cut-short")
     for payload in survey.payloads:
         if len(payload.profiles) > 1:
             kept = set(kept_bands(survey, payload))

@@ -13,6 +13,7 @@ from .finding import ERROR, Finding, sort_key
 from .harmonize.model import HarmonizePlan
 from .harmonize.plan import plan as plan_harmonizing
 from .rules import Rule, cameras, files, flights, ground, positions, rigs
+from .rules.files import cut_short
 from .rules.positions import gps_outliers, is_rtk_fixed
 from .rules.rigs import incomplete_captures, kept_bands, rig_kind
 from .rules.text import listed, plural
@@ -26,6 +27,7 @@ __all__ = [
     "RULES",
     "GateReport",
     "assess",
+    "cut_short",
     "gps_outliers",
     "incomplete_captures",
     "is_rtk_fixed",

@@ -18,7 +18,7 @@ import numpy as np
 
 from .colmap_database import cameras_of, descriptors_of, image_ids, inliers_of, name_of, row_of
 from .colmap_program import Flag, program, run
-from .images import read_grey, stretch_ranges, to_eight_bits
+from .images import read_grey, stretch_ranges, to_eight_bits, undecoded_note
 from .models import camera_model, read_model
 from .retrieval import retrieved
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
@@ -120,7 +120,7 @@ def _write_images(job: Job, images: Path, step: Step) -> Tuple[str, ...]:
             grey = to_eight_bits(pixels, spans.get(frame.tone, (0.0, 255.0)))
             Image.fromarray(grey).save(images / name_of(job, index), compress_level=1)
         except Exception as error:
-            notes.append(f"{frame.name}: pixels cannot be decoded ({type(error).__name__})")
+            notes.append(undecoded_note(frame.name, error))
         step("images", index + 1, len(job.frames))
     return tuple(notes)
 

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..record import dumps, write_bytes
-from .images import Grey, read_grey, stretch_ranges, to_eight_bits
+from .images import Grey, read_grey, stretch_ranges, to_eight_bits, undecoded_note
 from .solution import Array, EngineSettings, Job
 
 
@@ -57,7 +57,7 @@ def load_or_extract(
         try:
             grey = to_eight_bits(read_grey(frame.file, sizes[index], frame.luts), spans.get(frame.tone, (0.0, 255.0)))
         except Exception as error:
-            notes[index] = f"{frame.name}: pixels cannot be decoded ({type(error).__name__})"
+            notes[index] = undecoded_note(frame.name, error)
             found[index] = EMPTY
             return
         found[index] = extract(grey, job.settings)

@@ -21,6 +21,20 @@ _STRETCH_PERCENT = (0.5, 99.5)
 _STRETCH_SAMPLES = 24
 
 
+UNDECODED = "pixels cannot be decoded"
+
+
+def undecoded_note(name: str, error: Exception) -> str:
+    """What a solution notes of a frame whose picture is damaged; ``undecoded`` finds it again."""
+    return f"{name}: {UNDECODED} ({type(error).__name__})"
+
+
+def undecoded(names: Sequence[str], notes: Sequence[str]) -> Tuple[str, ...]:
+    """Those of ``names`` whose picture no engine could decode."""
+    told = {note.rpartition(f": {UNDECODED}")[0] for note in notes}
+    return tuple(n for n in names if n in told)
+
+
 def working_size(width: int, height: int, max_dim: int) -> Tuple[int, int]:
     """Return the size a frame is solved at: the longer side at most ``max_dim``, never enlarged."""
     side = max(width, height)

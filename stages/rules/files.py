@@ -20,6 +20,8 @@ _DAMAGE = {
     "gps-out-of-range": "their position is not on Earth",
 }
 _CUT = "jpeg-end-missing:the last rows are cut"
+# Fewer frames of a camera than this say nothing about its habits.
+_HABIT = 3
 
 
 def broken(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
@@ -77,6 +79,23 @@ def excluded(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
         yield Finding(code, severity, tuple(paths), message, remedy, measured=float(len(paths)))
 
 
+def cut_short(survey: Survey) -> Tuple[str, ...]:
+    """JPEGs whose picture ends too early, sorted (pure).
+
+    Where several frames of a camera, and all of them, lack the end marker,
+    that is how the camera writes.
+    """
+    files = survey.file_of()
+    usable = {f.path for f in survey.usable}
+    found: List[str] = []
+    for profile in survey.profiles:
+        paths = [p for p in profile.frames if p in usable]
+        cut = [p for p in paths if _CUT in files[p].problems]
+        if len(cut) < len(paths) or len(paths) < _HABIT:
+            found.extend(cut)
+    return tuple(sorted(found))
+
+
 def damaged(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
     """Readable files with damage; what all frames of a camera show is how that camera writes."""
     files = survey.file_of()
@@ -85,18 +104,18 @@ def damaged(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
     usual: Dict[str, List[str]] = defaultdict(list)
     for profile in survey.profiles:
         paths = [p for p in profile.frames if p in usable]
-        for code in (*_DAMAGE, "jpeg-end-missing"):
-            found = [p for p in paths if any(_is(note, code) for note in files[p].problems)]
+        for code in _DAMAGE:
+            found = [p for p in paths if any(note.partition(":")[0] == code for note in files[p].problems)]
             if found:
                 (usual if len(found) == len(paths) else hurt)[code].extend(found)
-    cut = sorted(hurt.pop("jpeg-end-missing", []))
+    cut = cut_short(survey)
     if cut:
         yield Finding(
             code="picture-cut-short",
-            severity=WARNING,
-            subjects=tuple(cut),
-            message=f"{plural(len(cut))} end before the picture does: {named(cut)}. The last rows are grey.",
-            remedy="Copy the files from the card again.",
+            severity=ERROR,
+            subjects=cut,
+            message=f"{plural(len(cut))} end before the picture does: {named(cut)}. One such frame can end ODM's run.",
+            remedy="Copy the files from the card again. sensorgate run leaves them out.",
             measured=float(len(cut)),
         )
     for severity, by_code in ((WARNING, hurt), (INFO, usual)):
@@ -112,10 +131,6 @@ def damaged(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
                 else "Nothing to do: all frames of this camera are like that. What is missing is taken from the sheet.",
                 measured=float(len(paths)),
             )
-
-
-def _is(note: str, code: str) -> bool:
-    return note == _CUT if code == "jpeg-end-missing" else note.partition(":")[0] == code
 
 
 def unusable(survey: Survey, limits: Thresholds) -> Iterator[Finding]:

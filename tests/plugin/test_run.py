@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -224,3 +225,26 @@ def test_blocked_is_an_error_of_its_own(tmp_path):
     (tmp_path / "in").mkdir()
     with pytest.raises(BlockedError):
         pipeline.run([str(tmp_path / "in")], tmp_path / "out")
+
+
+def test_a_frame_whose_picture_is_damaged_inside_is_left_out(tiny, tmp_path, monkeypatch):
+    """Its header and its end are good; only decoding shows it, and one such frame would end ODM's run."""
+    from sensorgate.stages import route
+    from sensorgate.stages.align.images import undecoded_note
+
+    prove = route.prove
+    hurt = []
+
+    def one_is_hurt(request, *args, **more):
+        proof = prove(request, *args, **more)
+        hurt.append(request.frames[2].path)
+        note = undecoded_note(hurt[0], OSError("image file is truncated"))
+        (group,) = proof.groups
+        report = replace(group.alignment, notes=(*group.alignment.notes, note))
+        return replace(proof, groups=(replace(group, alignment=report),))
+
+    monkeypatch.setattr(route, "prove", one_is_hurt)
+    report = pipeline.run([str(tiny.survey / "images")], tmp_path / "out").report
+    (lost,) = [f for f in report["frames"] if not f["subproject"]]
+    assert (lost["path"], lost["reason"]) == (hurt[0], "pixels-broken")
+    assert "pixels-broken" in {f["code"] for f in report["findings"]}

@@ -31,6 +31,14 @@ def test_every_usable_frame_is_in_one_group():
     assert left_out(survey) == {}
 
 
+def test_a_cut_file_goes_into_no_project():
+    frames = strip(count=12)
+    cut = replace(frames[3], problems=("jpeg-end-missing:the last rows are cut",))
+    survey = survey_of([cut, *frames[:3], *frames[4:]])
+    assert left_out(survey) == {cut.path: "picture-cut-short"}
+    assert cut.path not in groups_of(survey)[0].frames
+
+
 def test_one_camera_in_two_sizes_is_judged_as_one():
     frames = strip(count=12)
     frames[4] = replace(frames[4], width=2736, height=1824)

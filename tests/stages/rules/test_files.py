@@ -18,8 +18,9 @@ def found(frames):
 
 def test_a_cut_picture_among_whole_ones():
     frames = strip(count=12)
-    assert found([replace(frames[3], problems=(CUT,)), *frames[:3], *frames[4:]]) == {"picture-cut-short": "warning"}
+    assert found([replace(frames[3], problems=(CUT,)), *frames[:3], *frames[4:]]) == {"picture-cut-short": "error"}
     assert found([replace(f, problems=(CUT,)) for f in frames]) == {}
+    assert "picture-cut-short" in found([replace(frames[3], problems=(CUT,))])
     sent = "jpeg-end-missing:not among the header bytes"
     assert found([replace(frames[3], problems=(sent,)), *frames[:3], *frames[4:]]) == {}
 
