@@ -19,7 +19,7 @@ from ..thresholds import Thresholds
 from .files import check_targets, put_link, remove_stale
 from .journal import Journal
 from .model import FlightAction, HarmonizedFrame, HarmonizePlan
-from .plan import scaled_size
+from .plan import has_empty_plane, scaled_size
 from .pool import FRAMES, run_jobs
 from .work import MASK, RETAG, REWRITE, FrameJob
 from .worker import BROKEN
@@ -159,7 +159,8 @@ def _job(
         lut = tables[action.lut]
     focal_mm = action.focal_mm if action.focal_mm != frame.focal_mm else None
     focal_35mm = action.focal_35mm if action.focal_35mm != frame.focal_35mm else None
-    width_mm = action.sensor_width_mm if frame.focal_plane_x_res is not None else None
+    told = frame.focal_plane_x_res is not None or has_empty_plane(frame)
+    width_mm = action.sensor_width_mm if told else None
     pixels = bool(lut) or size != (frame.width, frame.height)
     if not pixels and focal_mm is None and focal_35mm is None and width_mm is None:
         return None

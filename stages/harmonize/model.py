@@ -29,7 +29,7 @@ class FlightAction:
     the one focal tag that the project's copies carry (written where absent),
     ``None`` leaves the tags. ``radiometric_none`` is set where resampling voids
     black level, vignette or row gradient: the frames are no reflectance then.
-    ``sensor_width_mm`` is set where the focal-plane tags are stale: the copies'
+    ``sensor_width_mm`` is set where the focal-plane tags are stale or 0/0: the copies'
     tags are set to say this width.
     """
 

@@ -52,7 +52,7 @@ def plan(
     targets = choose(units, files, thresholds, gsd_target)
     by_id = {p.id: p for p in profiles}
     tags = {p: _focal_tags(members, files) for p, members in _by_profile(groups).items()}
-    planes = _sensor_widths(frames, by_id)
+    planes = _sensor_widths(frames, by_id, files)
     tables = {lut.id: lut for lut in luts}
     sizes = _out_sizes(units, targets, by_id, thresholds)
     gains = gains_of(units, targets, sizes, files, thresholds)
@@ -64,7 +64,7 @@ def plan(
             action = _action(group, unit, target, sizes[group.key], tags[group.profile], tables, files)
             width_mm = planes.get(group.profile)
             if width_mm is not None:
-                said = f"stale focal-plane tags: the copies say a sensor width of {width_mm:.2f} mm"
+                said = f"stale or empty focal-plane tags: the copies say a sensor width of {width_mm:.2f} mm"
                 action = replace(action, sensor_width_mm=width_mm, reasons=(*action.reasons, said))
             actions.append(action)
         findings.extend(_unit_findings(unit, target, sizes, gains))
@@ -75,9 +75,17 @@ def plan(
     return HarmonizePlan(tuple(actions), kept, gains), tuple(sorted(findings, key=sort_key))
 
 
-def _sensor_widths(frames: Sequence[SurveyFrame], profiles: Mapping[str, CameraProfile]) -> Dict[str, float]:
-    """Profile -> the true sensor width in mm, for profiles with frames whose focal-plane tags are stale."""
+def has_empty_plane(frame: Frame) -> bool:
+    """Whether a focal-plane resolution is written as 0/0: readers that divide by it die."""
+    return any(p.startswith("focal-plane-rational-zero") for p in frame.problems)
+
+
+def _sensor_widths(
+    frames: Sequence[SurveyFrame], profiles: Mapping[str, CameraProfile], files: Mapping[str, Frame]
+) -> Dict[str, float]:
+    """Profile -> the true sensor width in mm, for profiles with frames whose focal-plane tags are stale or 0/0."""
     stale = {f.profile for f in frames if any(n.startswith("stale-focal-plane") for n in f.intrinsics.notes)}
+    stale |= {f.profile for f in frames if f.path in files and has_empty_plane(files[f.path])}
     widths: Dict[str, float] = {}
     for name in sorted(stale & set(profiles)):
         known = profiles[name].intrinsics

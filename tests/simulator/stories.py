@@ -13,6 +13,8 @@ from .survey import ControlPoint, Payload, Scene, Shot, Survey, rng
 HOME = Origin(47.21840, 8.73150, 441.0)
 FAR = Origin(47.24480, 8.75320, 436.0)
 GROUND = Scene("ground", HOME)
+# Control fixes a focal by the heights between its points: flat ground under a nadir block leaves it open.
+HILLS = Scene("ground", HOME, key="hills", relief=3.0)
 
 
 def _survey(name: str, *flights: Tuple[Payload, Tuple[Shot, ...]], scenes: Tuple[Scene, ...] = (GROUND,)) -> Survey:
@@ -228,7 +230,7 @@ def five_frames(seed: int) -> Survey:
 def two_surveys(seed: int) -> Survey:
     """One camera's card with two jobs on it, three kilometres and two hours apart."""
     camera = small(catalogue.phantom4pro(project="first"))
-    again = replace(camera, id="p4p-again", project="second")
+    again = replace(camera, id="p4p-again", route="isolate", project="second")
     far = Scene("far", FAR, key="far")
     return _survey(
         "two-surveys",
@@ -247,10 +249,10 @@ def two_areas(seed: int) -> Survey:
 
 
 def digital_zoom(seed: int) -> Survey:
-    """Every fourth frame of a block was taken with digital zoom at 1.6."""
+    """Every third frame of a block was taken with digital zoom at 1.6."""
     camera = small(catalogue.phantom4pro())
     survey = _survey("digital-zoom", (camera, fly(camera, Plan(50.0, 3, 6, side=0.65, forward=0.8), GROUND, seed)))
-    return lies.zoom(survey, "p4p", 1.6, lambda shot, index: index % 4 == 2)
+    return lies.zoom(survey, "p4p", 1.6, lambda shot, index: index % 3 == 2)
 
 
 def parrot_rig(seed: int) -> Survey:
@@ -263,15 +265,16 @@ def parrot_rig(seed: int) -> Survey:
 def rolling_shutter(seed: int) -> Survey:
     """An ANAFI at 9 m/s whose rows are read one after another, with control on the ground."""
     camera = small(catalogue.anafi())
-    survey = _survey("rolling-shutter", (camera, fly(camera, Plan(50.0, 3, 5, speed_mps=9.0), GROUND, seed)))
-    return replace(survey, points=_targets(seed, (30.0, 22.0), 5, 3))
+    flown = fly(camera, Plan(60.0, 3, 6, speed_mps=9.0), HILLS, seed)
+    survey = _survey("rolling-shutter", (camera, flown), scenes=(HILLS,))
+    return replace(survey, points=_targets(seed, (36.0, 26.0), 5, 3))
 
 
 def wrong_sheet(seed: int) -> Survey:
     """A clean block with control; ``WRONG_SHEET`` says a focal 5 % too long."""
     camera = small(catalogue.phantom4pro())
-    survey = _survey("wrong-sheet", (camera, fly(camera, Plan(50.0, 3, 5), GROUND, seed)))
-    return replace(survey, points=_targets(seed, (30.0, 22.0), 5, 3))
+    survey = _survey("wrong-sheet", (camera, fly(camera, Plan(60.0, 3, 5), HILLS, seed)), scenes=(HILLS,))
+    return replace(survey, points=_targets(seed, (36.0, 26.0), 5, 3))
 
 
 WRONG_SHEET = "make,model,width,height,sensor_width_mm,focal_mm\nDJI,FC6310,684,456,13.2,9.24\n"

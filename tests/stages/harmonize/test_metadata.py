@@ -263,8 +263,9 @@ def test_any_bytes_as_exif(data):
             continue
 
 
-def test_stale_focal_plane_tags_are_set_right():
-    """A frame shrunk by its owner: half the pixels, the tags of the whole; the copy says the true width."""
+@pytest.mark.parametrize("written", [(4547420, 1000), (0, 0)], ids=["stale", "0/0"])
+def test_stale_and_empty_focal_plane_tags_are_set_right(written):
+    """A frame shrunk by its owner, or 0/0 of a camera that knows no better: the copy says the true width."""
     import io
 
     import piexif
@@ -277,8 +278,8 @@ def test_stale_focal_plane_tags_are_set_right():
             "0th": {},
             "Exif": {
                 piexif.ExifIFD.FocalLength: (52, 10),
-                piexif.ExifIFD.FocalPlaneXResolution: (4547420, 1000),
-                piexif.ExifIFD.FocalPlaneYResolution: (4547420, 1000),
+                piexif.ExifIFD.FocalPlaneXResolution: written,
+                piexif.ExifIFD.FocalPlaneYResolution: written,
                 piexif.ExifIFD.FocalPlaneResolutionUnit: 2,
                 piexif.ExifIFD.PixelXDimension: 1332,
                 piexif.ExifIFD.PixelYDimension: 1000,
