@@ -135,7 +135,8 @@ def _nobody_listens() -> bool:
     """Whether the reader of our output is gone: a node that died starts the task anew, and two must not run at once."""
     watch = select.poll()
     watch.register(1, 0)
-    return any(happened & select.POLLERR for _, happened in watch.poll(0))
+    # A pipe says error, a socket (such as NodeODM gives) or a terminal says hung up.
+    return any(happened & (select.POLLERR | select.POLLHUP) for _, happened in watch.poll(0))
 
 
 def _write(data: bytes) -> None:

@@ -171,7 +171,7 @@ def test_switched_off_later_odm_starts_from_nothing_of_ours(node, mixed_images):
     assert (task / "sensorgate_node/earlier/opensfm").is_dir()
 
 
-@pytest.mark.parametrize("code", (1, 3, 137, 139))
+@pytest.mark.parametrize("code", (1, 3))
 def test_odms_exit_code_is_the_tasks(node, clean_images, code):
     put(node, clean_images)
     assert node.run("task", FAKE_ODM_FAIL="dataset", FAKE_ODM_CODE=str(code)).returncode == code
@@ -202,8 +202,7 @@ def alive(pid):
     return state != "Z"
 
 
-@pytest.mark.parametrize("number", (signal.SIGTERM, signal.SIGINT))
-def test_a_stop_reaches_odm(node, mixed_images, number):
+def test_a_stop_reaches_odm(node, mixed_images):
     task = put(node, mixed_images)
     process = subprocess.Popen(
         node.command("task", NO_ALIGN),
@@ -215,7 +214,7 @@ def test_a_stop_reaches_odm(node, mixed_images, number):
     )
     wait_for(lambda: len(node.calls()) == 1)
     time.sleep(0.3)
-    process.send_signal(number)
+    process.send_signal(signal.SIGTERM)
     said, _ = process.communicate(timeout=30)
     assert process.returncode == 130, said
     pid = node.calls()[0]["pid"]
@@ -240,14 +239,20 @@ def test_a_stop_while_looking_leaves_nothing_running(node, mixed_images):
     assert node.run("task", NO_ALIGN).returncode == 0
 
 
-def test_a_node_that_dies_takes_its_task_along(node, clean_images):
+@pytest.mark.parametrize("kind", ("pipe", "socket"))
+def test_a_node_that_dies_takes_its_task_along(node, clean_images, kind):
+    """NodeODM gives sockets, a shell gives pipes."""
     put(node, clean_images)
-    process = subprocess.Popen(
-        node.command("task"), cwd=node.front, env={**node.env, "FAKE_ODM_HANG": "opensfm"}, stdout=subprocess.PIPE
-    )
+    if kind == "pipe":
+        near, far = os.pipe()
+    else:
+        ours, theirs = socket.socketpair()
+        near, far = ours.detach(), theirs.detach()
+    hangs = {**node.env, "FAKE_ODM_HANG": "opensfm"}
+    process = subprocess.Popen(node.command("task"), cwd=node.front, env=hangs, stdout=far)
+    os.close(far)
     wait_for(lambda: len(node.calls()) == 1)
-    assert process.stdout is not None
-    process.stdout.close()
+    os.close(near)
     assert process.wait(timeout=30) == 130
     assert not alive(node.calls()[0]["pid"])
 
