@@ -22,7 +22,7 @@ from .errors import Abandoned, NodeFull, Refused
 from .judge import STOP, Judgement, ReadOutcome, judge
 from .ledger import Attempt, Entry, Ledger
 from .negotiate import Terms, kind_of, negotiate, numeric_options
-from .parcel import Item, Parcel, read_parcel, said_of
+from .parcel import UNPROVEN, Item, Parcel, read_parcel, said_of
 from .patience import Patience
 from .reroute import AlignPairwise, build, plan
 from .transfer import Lost, Mismatch, Transfer
@@ -372,8 +372,8 @@ class Journey:
         console = file.read_text(encoding="utf-8", errors="replace").splitlines() if file.is_file() else []
         has = fetched and self.context.assets != (NONE,)
         found = judge(view, folder if has else None, console, self.context.reader)
-        if found.route == PROCEED:
-            self._end(states.DONE, PROCEED, *found.reasons)
+        if found.route in (PROCEED, UNPROVEN):
+            self._end(states.DONE, found.route, *found.reasons)
         elif found.route == STOP:
             self._end(states.GIVEN_UP, "", *found.reasons)
         else:

@@ -12,6 +12,7 @@ from ...stages.errors import SensorgateError
 from ...stages.route import ISOLATE, PAIRWISE, PROCEED
 from ..odm.outcome_console import FATAL, outcome_of_console
 from .client import CANCELED, COMPLETED, TaskView
+from .parcel import UNPROVEN
 
 LOG = logging.getLogger("sensorgate.submit")
 
@@ -23,7 +24,7 @@ ReadOutcome = Callable[[Path], Any]
 
 @dataclass(frozen=True)
 class Judgement:
-    """``proceed``, ``pairwise`` or ``isolate`` as the router says them, or ``stop``: only a person can help."""
+    """The router's ``proceed``, ``pairwise``, ``isolate`` or ``unproven``, or ``stop``: only a person can help."""
 
     route: str
     reasons: Tuple[str, ...]
@@ -95,7 +96,7 @@ def judge(
     if route in (PAIRWISE, ISOLATE):
         return Judgement(route, reasons)
     # What nothing proves is still a result; a run that ended early is none.
-    return Judgement(STOP if failed else PROCEED, reasons)
+    return Judgement(STOP if failed else UNPROVEN if route == UNPROVEN else PROCEED, reasons)
 
 
 def _from_text(console: Sequence[str]) -> Judgement:

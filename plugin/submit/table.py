@@ -7,6 +7,7 @@ from typing import Any, Dict, List
 from ...stages.record import to_plain
 from . import ledger as states
 from .ledger import Entry
+from .parcel import UNPROVEN
 from .run import Submission
 
 SCHEMA_VERSION = 1
@@ -49,7 +50,8 @@ def lines(result: Submission) -> List[str]:
     for payload in _payloads(result):
         for entry in result.entries:
             if payload in entry.payloads:
-                became = _SAID.get(entry.state, entry.state)
+                unsure = ", unproven" if entry.state == states.DONE and entry.route == UNPROVEN else ""
+                became = _SAID.get(entry.state, entry.state) + unsure
                 rows.append((payload, entry.name, str(entry.images), str(len(entry.attempts)), became))
     widths = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))]
     told = ["  ".join(c.ljust(w) for c, w in zip(r, widths)).rstrip() for r in rows]
@@ -70,7 +72,7 @@ def _why(entry: Entry) -> List[str]:
     last = entry.last
     if last is not None and last.repaired:
         told.append(f"{entry.name}: {len(last.repaired)} files were sent again in an archive after broken uploads.")
-    if entry.state != states.DONE:
+    if entry.state != states.DONE or entry.route == UNPROVEN:
         told += [f"{entry.name}: {reason}" for reason in entry.reasons]
     if entry.children:
         told.append(f"{entry.name}: goes on as {', '.join(entry.children)} ({entry.route}).")

@@ -53,9 +53,9 @@ def test_the_outcome_reader_decides_where_there_are_products(tmp_path):
 
 
 def test_unproven_is_no_reason_to_throw_a_result_away(tmp_path):
-    assert (
-        judge(view(COMPLETED), tmp_path, [], lambda f: SimpleNamespace(route="unproven", reasons=())).route == "proceed"
-    )
+    told = SimpleNamespace(route="unproven", reasons=("no GPS",), state="finished")
+    found = judge(view(COMPLETED), tmp_path, [], lambda f: told)
+    assert (found.route, found.reasons) == ("unproven", ("no GPS",))
 
 
 def test_a_run_that_ended_early_is_no_result(tmp_path):

@@ -307,7 +307,7 @@ BANDS = (30, "Cannot process dataset", ["Exception: Cannot write x, not all band
 def test_a_failed_task_goes_back_to_the_router(tmp_path):
     two_payloads(tmp_path)
     with NodeDouble(Behaviour(ends=ends(rgb=BANDS))) as node:
-        result = go(tmp_path, node)
+        result = go(tmp_path, node, read_outcome=lambda f: SimpleNamespace(route="proceed", reasons=()))
         assert {(e.name, e.state) for e in result.entries} == {
             ("rgb", "rerouted"),
             ("rgb-a", "done"),
@@ -334,6 +334,14 @@ def test_a_poor_result_is_set_aside_and_tried_again(tmp_path):
     assert [e.state for e in result.entries] == ["rerouted", "done", "done"]
     assert not (folder / "odm_orthophoto").exists() and (folder / "sensorgate/rejected-1/odm_orthophoto").is_dir()
     assert (tmp_path / "projects/rgb-a/odm_orthophoto").is_dir()
+
+
+def test_an_unproven_result_is_kept_and_said(tmp_path):
+    project(tmp_path, "rgb")
+    with NodeDouble() as node:
+        result = go(tmp_path, node, read_outcome=lambda f: SimpleNamespace(route="unproven", reasons=("no GPS",)))
+    text = "\n".join(lines(result))
+    assert result.exit_code == 0 and "done, unproven" in text and "rgb: no GPS" in text
 
 
 def test_rerouting_comes_to_an_end(tmp_path):
