@@ -45,9 +45,7 @@ def main() -> int:
             bad += 1
             print(f"{case}: {'; '.join(wrong)}")
     took = time.monotonic() - began
-    print(
-        f"{len(cases)} submissions, {requests} requests, {sum(kinds.values())} faults, {took:.0f} s: {bad} wrong"
-    )
+    print(f"{len(cases)} submissions, {requests} requests, {sum(kinds.values())} faults, {took:.0f} s: {bad} wrong")
     for kind, count in sorted(kinds.items()):
         print(f"  {count:5d} {kind}")
     return 1 if bad else 0
