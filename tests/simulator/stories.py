@@ -265,15 +265,15 @@ def parrot_rig(seed: int) -> Survey:
 def rolling_shutter(seed: int) -> Survey:
     """An ANAFI at 9 m/s whose rows are read one after another, with control on the ground."""
     camera = small(catalogue.anafi())
-    flown = fly(camera, Plan(60.0, 3, 6, speed_mps=9.0), HILLS, seed)
+    flown = fly(camera, Plan(85.0, 3, 6, speed_mps=9.0), HILLS, seed)
     survey = _survey("rolling-shutter", (camera, flown), scenes=(HILLS,))
-    return replace(survey, points=_targets(seed, (36.0, 26.0), 5, 3))
+    return replace(survey, points=_targets(seed, (50.0, 36.0), 5, 3))
 
 
 def wrong_sheet(seed: int) -> Survey:
     """A clean block with control; ``WRONG_SHEET`` says a focal 5 % too long."""
     camera = small(catalogue.phantom4pro())
-    survey = _survey("wrong-sheet", (camera, fly(camera, Plan(60.0, 3, 5), HILLS, seed)), scenes=(HILLS,))
+    survey = _survey("wrong-sheet", (camera, fly(camera, Plan(85.0, 3, 5), HILLS, seed)), scenes=(HILLS,))
     return replace(survey, points=_targets(seed, (36.0, 26.0), 5, 3))
 
 
