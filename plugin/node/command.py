@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, FrozenSet, List, Mapping, Optional, Sequence, Tuple
@@ -11,6 +12,9 @@ from .options import take
 
 # Where ODM's parser is read from: ODM's own name first, then that of its fork.
 PARSERS = ("opendm/config.py", "modules/config.py")
+_PATHS = frozenset(
+    f"--{n}" for n in ("project-path", "gcp", "geo", "align", "split-image-groups", "cameras", "boundary", "copy-to")
+)
 _FLAG_ACTIONS = frozenset(("StoreTrue", "store_true", "store_false", "help", "version"))
 
 
@@ -102,6 +106,14 @@ class Command:
     def with_value(self, name: str, value: str) -> "Command":
         """The same command line with another value of ``--name``."""
         words = tuple(Word(w.name, value) if w.name == f"--{name}" else w for w in self.words)
+        return Command(self.ours, words)
+
+    def absolute(self) -> "Command":
+        """The same with whole paths: ODM runs in its own folder, a person may call from another."""
+        words = tuple(
+            Word(w.name, os.path.abspath(w.value)) if w.value and w.name in _PATHS and os.path.exists(w.value) else w
+            for w in self.words
+        )
         return Command(self.ours, words)
 
     @property

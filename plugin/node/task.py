@@ -45,7 +45,7 @@ def main(arguments: Sequence[str], home: Optional[Path] = None) -> int:
     odm = home if home is not None else Path(os.environ["SENSORGATE_ODM"])
     grammar = read_grammar(odm)
     try:
-        command = parse(arguments, grammar)
+        command = parse(arguments, grammar).absolute()
     except options.WrongOption as error:
         say(ERROR, str(error))
         return USAGE

@@ -313,6 +313,15 @@ def test_folders_that_are_no_task_are_left_to_odm(node):
     assert node.run("empty", "--no-such-option").returncode == 2
 
 
+def test_by_hand_paths_may_be_relative(node, clean_images):
+    task = put(node, clean_images)
+    (task / "cameras.txt").write_text("{}")
+    words = ["--cameras", "task/cameras.txt", "--project-path", ".", "task", "--mixed-sensor-policy", "off"]
+    done = subprocess.run([str(node.front / "run.sh"), *words], cwd=node.data, env=node.env, capture_output=True)
+    assert done.returncode == 0
+    assert node.calls()[0]["argv"] == ["--cameras", str(task / "cameras.txt"), "--project-path", str(node.data), "task"]
+
+
 def test_a_wrong_policy_is_a_usage_error(node, clean_images):
     put(node, clean_images)
     done = node.run("task", "--mixed-sensor-policy", "maybe")
