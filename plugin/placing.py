@@ -24,6 +24,7 @@ from ..stages.record import to_plain
 from ..stages.route import ProvenGroup
 from ..stages.survey import Survey
 from ..stages.thresholds import Thresholds
+from .advice import advice
 from .harmonizing import Harmonized
 from .inspection import Inspection
 from .odm.bands import band_name
@@ -158,6 +159,14 @@ def place(placed: Sequence[Placed], inspection: Inspection, ready: Harmonized, r
         projects.append(project)
         findings.extend(said)
         locks.update(held)
+    known = zip((p.name for p in projects), ordered)
+    findings.extend(
+        advice(
+            [(name, i.group.spectrum, i.group.area, i.proven) for name, i in known],
+            inspection.settings.gcp is not None,
+            inspection.settings.thresholds,
+        )
+    )
     record = Written(tuple(projects), outputs, {p: copies[p] for p in outputs}, locks, ready.bands)
     return Placing(record, tuple(findings))
 

@@ -15,6 +15,8 @@ from ..stages.errors import SensorgateError, UsageError
 from ..stages.record import dumps, write_text
 
 _STATE = "state.json"
+# What submitting leaves beside the results.
+_SUBMITTED = ("submit.json", "submit-uploads")
 RESULTS = ("report.json", "report.html", "plan.json", "projects")
 
 
@@ -114,7 +116,7 @@ def open_folder(out: Path, work: Optional[Path], inputs: "list[Path]", resume: b
             there = {p.name for p in out.iterdir()}
         except OSError as error:
             raise UsageError(f"Cannot read the output folder {out}: {error.strerror}.") from error
-        ours = {*RESULTS, ".work"}
+        ours = {*RESULTS, *_SUBMITTED, ".work"}
         if there and not (resume and there <= ours):
             way_out = (
                 "It holds an interrupted or finished run: add --resume to go on, or choose another folder."

@@ -214,4 +214,4 @@ def _next(view: View, out: str) -> str:
         s["name"] for s in report["subprojects"]
     ]
     script = story.quoted(f"{out}/projects/{ready[0]}/sensorgate/odm.sh")
-    return f"{script} (docker) runs ODM; the same for each project"
+    return f"sensorgate submit {story.quoted(out)} --node URL sends the projects to a node; {script} runs one in docker"

@@ -114,7 +114,7 @@ def damaged(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
             code="picture-cut-short",
             severity=ERROR,
             subjects=cut,
-            message=f"The picture data of {plural(len(cut))} breaks off: {named(cut)}. One such frame can end ODM's run.",
+            message=f"The picture data of {plural(len(cut))} breaks off: {named(cut)}. One can end ODM's run.",
             remedy="Copy the files from the card again. sensorgate run leaves them out.",
             measured=float(len(cut)),
         )

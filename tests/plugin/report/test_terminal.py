@@ -30,7 +30,8 @@ def test_tells_the_story() -> None:
     for name in ("phantom-4-pro", "mavic-2-pro", "rededge", "xt2-thermal", "projects/rgb-phantom-3", "unproven"):
         assert name in text
     assert "8.80 sheet" in text and "3.25>2.12" in text
-    assert told[-1].startswith("Next: 'out dir/projects/") and "/sensorgate/odm.sh'" in told[-1]
+    said = " ".join(line.strip() for line in told[-3:])
+    assert "Next: sensorgate submit 'out dir' --node URL" in said and "'out dir/projects/" in said
     assert text.index("mixed-spectra") < text.index("focal-variance") < text.index("not-temperature")
 
 

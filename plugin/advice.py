@@ -1,0 +1,71 @@
+"""What a person can do about how the projects came out: advice that no option can carry out (pure)."""
+
+from __future__ import annotations
+
+from typing import Iterator, List, Sequence, Tuple
+
+from ..stages.align.fit import called
+from ..stages.finding import INFO, WARNING, Finding
+from ..stages.proven import ISOLATE, PAIRWISE, PROCEED, ProvenGroup
+from ..stages.thresholds import Thresholds
+
+
+def advice(
+    projects: Sequence[Tuple[str, str, int, ProvenGroup]], has_gcp: bool, limits: Thresholds
+) -> Tuple[Finding, ...]:
+    """Advice on written projects: each is its name, spectrum, piece of ground and what was proven of it."""
+    return (*_bowed(projects, limits), *_joined_pairwise(projects, has_gcp), *_alone_beside_the_anchor(projects))
+
+
+def _bowed(projects: Sequence[Tuple[str, str, int, ProvenGroup]], limits: Thresholds) -> Iterator[Finding]:
+    """A bow that no candidate calibration removed, although the profiles are consistent."""
+    for name, _, _, group in projects:
+        bow = group.alignment.bowing if group.alignment is not None else None
+        if bow is None or bow.bowing_m is None or not called(bow, limits.bowing_sigma):
+            continue
+        yield Finding(
+            code="block-bows",
+            severity=WARNING,
+            subjects=(name,),
+            message=f"The block of {name} bows by {bow.bowing_m:+.2f} m (standard error {bow.se_m or 0.0:.2f} m), and "
+            "no calibration that was tried removes it.",
+            remedy="Give ground control (--gcp) or a calibration of this camera (--calibration); next time fly cross "
+            "strips at another height or some oblique frames.",
+            measured=round(abs(bow.bowing_m), 3),
+            threshold=round(limits.bowing_sigma * (bow.se_m or 0.0), 3),
+        )
+
+
+def _joined_pairwise(projects: Sequence[Tuple[str, str, int, ProvenGroup]], has_gcp: bool) -> Iterator[Finding]:
+    for name, _, _, group in projects:
+        if group.route == PAIRWISE:
+            yield Finding(
+                code="joined-pairwise",
+                severity=INFO,
+                subjects=(name,),
+                message=f"The payloads of {name} held together only after they were joined one by one.",
+                remedy="Where this happens again and again, fly the payloads over common targets with more overlap"
+                + ("." if has_gcp else " and give ground control (--gcp)."),
+            )
+
+
+def _alone_beside_the_anchor(projects: Sequence[Tuple[str, str, int, ProvenGroup]]) -> Iterator[Finding]:
+    """Payloads that reconstruct alone over the ground of a proven project, but do not share its model."""
+    for name, spectrum, area, group in projects:
+        if group.route != ISOLATE or group.alignment is None:
+            continue
+        anchors: List[Tuple[str, int]] = [
+            (n, len(g.frames))
+            for n, s, a, g in projects
+            if (s, a) == (spectrum, area) and n != name and g.route in (PROCEED, PAIRWISE)
+        ]
+        if anchors:
+            anchor = min(anchors, key=lambda x: (-x[1], x[0]))[0]
+            yield Finding(
+                code="align-to-anchor",
+                severity=INFO,
+                subjects=(name,),
+                message=f"{name} reconstructs by itself over the ground of {anchor}, but does not fit its model.",
+                remedy=f"Run {anchor} first and give its surface model or point cloud to {name} with ODM's align "
+                "option, so that both lie in one frame of reference.",
+            )

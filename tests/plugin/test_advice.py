@@ -1,0 +1,46 @@
+"""Advice on how projects came out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from sensorgate.plugin.advice import advice
+from sensorgate.stages.align.model import AlignmentReport, Bowing, GpsFit
+from sensorgate.stages.proven import ISOLATE, PAIRWISE, PROCEED, UNPROVEN, ProvenGroup
+from sensorgate.stages.thresholds import DEFAULTS
+
+REPORT = AlignmentReport(
+    "rgb", "pycolmap", "quick", (), 30, 1, 0.4, "a", GpsFit(30), 60.0, Bowing(0.05, 0.1, 50.0), (), (), (), (), 0, None
+)
+
+
+def group(route=PROCEED, frames=30, bowing=REPORT.bowing):
+    paths = tuple(f"{route}{frames}/{i}" for i in range(frames))
+    return ProvenGroup("g", ("a",), paths, route, (), replace(REPORT, bowing=bowing))
+
+
+def codes(*groups, has_gcp=False, area=(1, 1, 1)):
+    projects = [(f"p{i}", "rgb", a, g) for i, (g, a) in enumerate(zip(groups, area))]
+    return {f.code: f for f in advice(projects, has_gcp, DEFAULTS)}
+
+
+def test_nothing_is_said_of_what_is_good():
+    assert codes(group(), group(UNPROVEN)) == {}
+
+
+def test_a_called_bow_asks_for_control():
+    assert "--gcp" in codes(group(bowing=Bowing(-0.6, 0.1, 50.0)))["block-bows"].remedy
+    assert codes(group(bowing=Bowing(-0.6, 0.3, 50.0))) == {}
+    assert codes(group(bowing=Bowing())) == {}
+
+
+def test_pairwise_asks_for_control_where_there_is_none():
+    assert "--gcp" in codes(group(PAIRWISE))["joined-pairwise"].remedy
+    assert "--gcp" not in codes(group(PAIRWISE), has_gcp=True)["joined-pairwise"].remedy
+
+
+def test_what_stands_alone_over_proven_ground_is_aligned_to_the_largest():
+    found = codes(group(ISOLATE, 8), group(frames=20), group(frames=40))["align-to-anchor"]
+    assert found.subjects == ("p0",) and "p2" in found.remedy
+    assert codes(group(ISOLATE, 8), group(), area=(2, 1)) == {}
+    assert codes(replace(group(ISOLATE, 8), alignment=None), group()) == {}
