@@ -137,7 +137,8 @@ def _as_bool(value: Any) -> bool:
     return isinstance(value, bool) or (isinstance(value, str) and value.lower() in ("true", "false"))
 
 
-def _number(value: Any) -> Optional[float]:
+def number_of(value: Any) -> Optional[float]:
+    """A value as a finite number, also out of text; ``None`` where it is none (a truth value is none)."""
     if isinstance(value, bool):
         return None
     try:
@@ -179,7 +180,7 @@ def _value_problem(value: Any, option: Mapping[str, Any]) -> Optional[str]:
         choices = [str(c) for c in domain]
         return None if str(value) in choices else f"must be one of {', '.join(choices)}"
     if kind in ("int", "float"):
-        number = _number(value)
+        number = number_of(value)
         if number is None:
             return "must be a number"
         if kind == "int" and number != int(number):

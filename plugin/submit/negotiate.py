@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from ..odm.options import OptionList, validate
+from ..odm.options import OptionList, number_of, validate
 from ..odm.wire import POLICY_FOR_HARMONIZED, POLICY_OPTION
 from .client import NodeView
 
@@ -129,20 +129,10 @@ def typed_value(value: Any, described: Mapping[str, Any]) -> Any:
     if kind == "bool" and isinstance(value, str):
         return value.lower() == "true"
     if kind in ("int", "float"):
-        number = _number(value)
+        number = number_of(value)
         if number is not None:
             return int(number) if kind == "int" else number
     return value
-
-
-def _number(value: Any) -> Optional[float]:
-    if isinstance(value, bool):
-        return None
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        return None
-    return number if math.isfinite(number) else None
 
 
 def _domain_problem(option: Mapping[str, Any], described: Mapping[str, Any]) -> Optional[str]:
@@ -150,7 +140,7 @@ def _domain_problem(option: Mapping[str, Any], described: Mapping[str, Any]) -> 
     if isinstance(domain, str) and domain and not _DOMAINS.match(domain):
         return f"The node itself cannot check {option['name']} (its domain is {domain!r}) and would refuse the task."
     bounds = re.match(r"^(?:float|integer) (>=|>|<=|<) ([-+.\d]+)$", domain) if isinstance(domain, str) else None
-    number = _number(option.get("value"))
+    number = number_of(option.get("value"))
     if bounds and number is not None:
         limit = float(bounds.group(2))
         fine = {">=": number >= limit, ">": number > limit, "<=": number <= limit, "<": number < limit}
@@ -169,7 +159,7 @@ def same(sent: Any, took: Any) -> bool:
     """Whether two option values are one: nodes turn numbers into texts and back."""
     if isinstance(sent, bool) or isinstance(took, bool):
         return str(sent).lower() == str(took).lower()
-    a, b = _number(sent), _number(took)
+    a, b = number_of(sent), number_of(took)
     if a is not None and b is not None:
         return math.isclose(a, b, rel_tol=1e-9, abs_tol=1e-12)
     return str(sent) == str(took)
