@@ -59,7 +59,7 @@ def without_alignment(group: Group, survey: Survey) -> List[Placed]:
         payloads=group.payloads,
         frames=group.solver_frames,
         route="unproven",
-        reasons=("No alignment was run (--no-align): these frames are grouped by their metadata alone.",),
+        reasons=("No alignment was run: these frames are grouped by their metadata alone.",),
     )
     return [Placed(group, proven)]
 
