@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Union
+from pathlib import Path
+from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple, Union
 
 from ..stages.calibrations import read_store, store_digest
 from ..stages.elevation import open_elevation
@@ -15,7 +16,7 @@ from ..stages.gate import BLOCKED, GateReport, assess, verdict_of
 from ..stages.look import look
 from ..stages.profile import THERMAL, CameraProfile
 from ..stages.progress import Cancel, Progress
-from ..stages.read import Found, scan
+from ..stages.read import Found, Scan, scan
 from ..stages.record import to_plain
 from ..stages.sensors import load_sheet
 from ..stages.survey import Survey, build
@@ -134,9 +135,25 @@ def inspect(
     found: Optional[Found] = None,
 ) -> Inspection:
     """Read, group and assess; nothing is written."""
-    elevation = open_elevation(settings.dem, settings.thresholds) if settings.dem is not None else None
     everything = scan(list(paths), progress=progress, cancel=cancel, limits=settings.thresholds, found=found)
-    images, masks = split_masks(everything)
+    return inspect_scan(everything, paths, settings, cancel=cancel)
+
+
+def inspect_scan(
+    everything: Scan,
+    paths: Sequence[str],
+    settings: Settings = DEFAULT_SETTINGS,
+    *,
+    cancel: Optional[Cancel] = None,
+    open_path: Callable[[str], Path] = Path,
+    masks: Optional[Mapping[str, str]] = None,
+) -> Inspection:
+    """Group and assess what was read elsewhere.
+
+    ``open_path`` says where a frame's file lies; ``masks`` (image -> mask) are looked for on disk where not given.
+    """
+    elevation = open_elevation(settings.dem, settings.thresholds) if settings.dem is not None else None
+    images, masks = split_masks(everything) if masks is None else (everything, masks)
     control = read_control(settings.gcp, settings.geo, images.frames, settings.thresholds, settings.check_points)
     survey = build(
         replace(images, frames=control.frames),
@@ -145,6 +162,7 @@ def inspect(
         ground_m=settings.ground_m,
         elevation=elevation,
         stored=read_store(settings.calibrations) if settings.calibrations is not None else None,
+        open_path=open_path,
     )
     survey = replace(survey, profiles=tuple(_with_thermal_reading(p, survey) for p in survey.profiles))
     assessed = assess(survey, settings.thresholds, gsd_target=settings.gsd_target)
