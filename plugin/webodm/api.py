@@ -36,7 +36,8 @@ Needs ``change_project`` on the project.
 
 ``need`` names the next bytes without which a file cannot be read: send the
 file again with **all** its ranges, that one added (nothing is kept of a file
-that could not be read). Batches may be sent in parallel and in any order; a file sent twice counts once,
+that could not be read). Masks (``*_mask.png`` and so on) are sent with ``ranges: []``, so that they
+get their image's new name. Batches may be sent in parallel and in any order; a file sent twice counts once,
 the later one. Files that are no images (videos, logs) are not sent here.
 
 ``POST sessions/<session>/control`` ``{"kind": "gcp" | "geo", "text": "..."}`` -> ``{"ok": true}``:

@@ -1,0 +1,152 @@
+/* What a check found, as elements. Draws only: what the user does goes to the callbacks in `act`. */
+(function (sensorgate) {
+  "use strict";
+
+  var h = sensorgate.dom.h, count = sensorgate.dom.count, plural = sensorgate.dom.plural;
+  var SHOWN = 8;
+  var SPECTRA = { rgb: "colour", multispectral: "multispectral", thermal: "thermal" };
+  var SEVERITIES = { error: "Problem", warning: "Warning", info: "Note" };
+  var VERDICTS = { consistent: "good", inconsistent: "note", blocked: "bad" };
+  var MARKS = { good: "✓", note: "!", bad: "✕" };
+  var NOT_SENT = "";
+
+  function spectrum(name) {
+    return SPECTRA[name] || name || "";
+  }
+
+  function number(value, digits) {
+    return String(Number(Number(value).toFixed(digits)));
+  }
+
+  function headline(verdict) {
+    var look = VERDICTS[verdict.verdict] || "note";
+    return h("p.sg-headline", null, h("span.sg-mark.sg-" + look, { "aria-hidden": "true" }, MARKS[look]), h("strong", null, verdict.headline));
+  }
+
+  function cameras(found) {
+    if (!found.length) return null;
+    var judged = found.some(function (camera) { return camera.id; });
+    var head = ["Camera", judged ? "Kind" : null, "Picture", judged ? "Focal length" : null, "Frames"];
+    function row(camera) {
+      var kind = [spectrum(camera.spectrum), camera.band].filter(Boolean).join(", ");
+      return h("tr", null,
+        h("th", { scope: "row" }, camera.name || "Unknown camera"),
+        judged ? h("td", null, kind) : null,
+        h("td", null, camera.width && camera.height ? camera.width + " × " + camera.height : "unknown"),
+        judged ? h("td", null, camera.focal_mm ? number(camera.focal_mm, 2) + " mm" : "unknown") : null,
+        h("td.sg-number", null, count(camera.frames)));
+    }
+    function table(rows) {
+      return h("div.sg-scroll", null, h("table.sg-table", null,
+        h("thead", null, h("tr", null, head.filter(Boolean).map(function (name) {
+          return h(name === "Frames" ? "th.sg-number" : "th", { scope: "col" }, name);
+        }))),
+        h("tbody", null, rows.map(row))));
+    }
+    return [h("h5", null, plural(found.length, "camera")), table(found)];
+  }
+
+  function lines(texts) {
+    return h("ul.sg-lines", null, texts.map(function (text) { return h("li", null, text); }));
+  }
+
+  function comparison(verdict) {
+    if (!verdict.odm.length && !verdict.ours.length) return null;
+    return h("div.sg-versus", null,
+      h("section", null, h("h5", null, "If you upload this as one task"), lines(verdict.odm)),
+      h("section.sg-ours", null, h("h5", null, "What we suggest"), lines(verdict.ours)));
+  }
+
+  function optionWords(option) {
+    return "--" + option.name + (option.value === true ? "" : " " + (typeof option.value === "object" ? JSON.stringify(option.value) : option.value));
+  }
+
+  function mover(payload, verdict, act) {
+    var current = verdict.tasks.some(function (task) { return task.key === payload.task; }) ? payload.task : NOT_SENT;
+    var choices = verdict.tasks.map(function (task) { return [task.key, task.name]; });
+    choices.push([NOT_SENT, "leave out"]);
+    return h("select.form-control.input-sm", {
+      "aria-label": "Where " + payload.name + " goes", "data-key": "move-" + payload.id, disabled: act.busy,
+      onchange: function (event) { act.move(payload.id, event.target.value); }
+    }, choices.map(function (choice) {
+      return h("option", { value: choice[0], selected: choice[0] === current }, choice[1]);
+    }));
+  }
+
+  function payloadRow(payload, verdict, act) {
+    var bands = (payload.bands || []).filter(Boolean).join(", ");
+    return h("li.sg-payload", null,
+      h("span", null, payload.name, h("small", null, " " + plural(payload.frames, "frame") + (bands ? " · " + bands : ""))),
+      verdict.payloads.length > 1 ? mover(payload, verdict, act) : null);
+  }
+
+  function taskCard(task, verdict, act, name) {
+    var payloads = verdict.payloads.filter(function (payload) { return payload.task === task.key; });
+    var texts = Object.keys(task.texts || {}).sort();
+    return h("section.sg-task", null,
+      h("h6", null, name(task), " ", h("small", null, plural(task.frames, "frame") + (spectrum(task.spectrum) ? " · " + spectrum(task.spectrum) : ""))),
+      payloads.length ? h("ul.sg-payloads", null, payloads.map(function (payload) { return payloadRow(payload, verdict, act); })) : null,
+      h("dl.sg-options", null, task.options.length ? task.options.map(function (option) {
+        return h("div", null, h("dt", null, h("code", null, optionWords(option))), h("dd", null, (task.reasons || {})[option.name] || ""));
+      }) : h("div", null, h("dd", null, "No options of its own: your choice above applies."))),
+      texts.length ? h("p.sg-small", null, "With it: " + texts.join(", ") + ", rewritten for this task.") : null);
+  }
+
+  function tasks(verdict, act, name) {
+    if (!verdict.tasks.length) return null;
+    var apart = verdict.payloads.filter(function (payload) {
+      return !verdict.tasks.some(function (task) { return task.key === payload.task; });
+    });
+    return [
+      h("h5", null, plural(verdict.tasks.length, "task") + " to create"),
+      h("div.sg-tasks", null,
+        verdict.tasks.map(function (task) { return taskCard(task, verdict, act, name); }),
+        apart.length ? h("section.sg-task.sg-apart", null, h("h6", null, "Left out"),
+          h("ul.sg-payloads", null, apart.map(function (payload) { return payloadRow(payload, verdict, act); }))) : null)
+    ];
+  }
+
+  function rules(verdict, act) {
+    if (!verdict.rules.length) return null;
+    return h("fieldset.sg-rules", { disabled: act.busy }, h("legend", null, "What we change. Untick what you do not want:"),
+      verdict.rules.map(function (rule) {
+        return h("label", null, h("input", {
+          type: "checkbox", checked: rule.on, "data-key": "rule-" + rule.id,
+          onchange: function (event) { act.rule(rule.id, event.target.checked); }
+        }), h("span", null, rule.text, rule.frames ? h("small", null, " (" + plural(rule.frames, "frame") + ")") : null));
+      }));
+  }
+
+  function fold(key, title, children, act) {
+    return h("details.sg-fold", {
+      open: Boolean(act.open[key]), ontoggle: function (event) { act.open[key] = event.target.open; }
+    }, h("summary", { "data-key": "fold-" + key }, title), children);
+  }
+
+  function findings(verdict, act) {
+    if (!verdict.findings.length) return null;
+    var told = ["error", "warning", "info"].map(function (severity) {
+      var many = verdict.findings.filter(function (finding) { return finding.severity === severity; }).length;
+      return many ? plural(many, SEVERITIES[severity].toLowerCase()) : "";
+    }).filter(Boolean).join(", ");
+    return fold("findings", "Why: " + told, h("ul.sg-findings", null, verdict.findings.map(function (finding) {
+      return h("li.sg-" + finding.severity, null,
+        h("p", null, h("strong", null, SEVERITIES[finding.severity] || finding.severity), " ", finding.message),
+        finding.remedy ? h("p.sg-small", null, finding.remedy) : null);
+    })), act);
+  }
+
+  function leftOut(left, act) {
+    if (!left.length) return null;
+    return fold("left", plural(left.length, "file") + (left.length === 1 ? " is left out" : " are left out"), [
+      h("ul.sg-lines", null, left.slice(0, 20 * SHOWN).map(function (each) {
+        return h("li", null, h("code", null, each.path), " ", each.message || each.reason);
+      })),
+      left.length > 20 * SHOWN ? h("p.sg-small", null, "And " + count(left.length - 20 * SHOWN) + " more.") : null
+    ], act);
+  }
+
+  sensorgate.views = {
+    headline: headline, cameras: cameras, comparison: comparison, tasks: tasks, rules: rules, findings: findings, leftOut: leftOut
+  };
+})(window.sensorgate);
