@@ -55,6 +55,12 @@ def camera_name(make: str, model: str) -> str:
     return f"{make} {model}".strip() or "unknown camera"
 
 
+def _family(make: str, model: str, lens: str, spectrum: str, band: str) -> str:
+    """The family in words; a band that is named like its spectrum (colour, thermal) stands once."""
+    parts = (camera_name(make, model), lens, spectrum, "" if band == spectrum else band)
+    return " / ".join(p for p in parts if p)
+
+
 def _mode(sight: Sighting) -> str:
     """What the camera did differently between frames of one family, besides size and focal."""
     frame = sight.frame
@@ -210,7 +216,7 @@ def group(sights: Sequence[Sighting], limits: Thresholds) -> Tuple[CameraProfile
                         equivalents = sorted(s.frame.focal_35mm for s in cluster if s.frame.focal_35mm)
                         profile = CameraProfile(
                             id="",
-                            family=" / ".join(p for p in (camera_name(make, model), lens, spectrum, band) if p),
+                            family=_family(make, model, lens, spectrum, band),
                             spectrum=spectrum,
                             band=band,
                             make=make,

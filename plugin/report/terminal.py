@@ -168,7 +168,7 @@ def _findings(view: View, width: int, paint: Callable[[str, str], str]) -> List[
         times = f" (x{group.count:,})" if group.count > 1 else ""
         body = _wrapped(f"{group.code}{times}: {group.message}", width - INDENT)
         if len(body) > 2:
-            body = [body[0], _cut(body[1], width - INDENT - 2) + " …"]
+            body = [body[0], _cut(body[1] + " …", width - INDENT)]
         told.append(paint(group.severity, group.severity) + " " * (INDENT - len(group.severity)) + body[0])
         told.extend(" " * INDENT + part for part in body[1:])
     if len(groups) > MOST_FINDINGS:
