@@ -6,10 +6,12 @@
   var READERS = 6;
   var SENDERS = 3;
   var FIRST_BATCH_FILES = 16;
+  var BATCH_SHARE = 0.9;
   var TRIES = 6;
   var MOST_ROUNDS = 16;
   var VERDICT_PAUSE_MS = 1500;
   var IMAGES = /\.(jpe?g|jpe|tiff?|dng)$/i;
+  var MASKS = /_mask\.[a-z]+$/i;
   var TEXTS = /\.txt$/i;
   var GEO_NAME = "geo.txt";
   var OTHER_TEXTS = ["image_groups.txt"];
@@ -74,7 +76,7 @@
 
   Check.prototype.sort = function (id) {
     var file = this.files[id];
-    if (IMAGES.test(file.name)) {
+    if (isSent(file)) {
       this.queue.push(id);
       this.images += 1;
       this.imageBytes += file.size;
@@ -186,7 +188,7 @@
     this.reading += 1;
     var read = more
       ? sensorgate.headers.readRanges(file, more).then(function (ranges) { return before.concat(ranges); })
-      : sensorgate.headers.read(file);
+      : MASKS.test(file.name) ? Promise.resolve([]) : sensorgate.headers.read(file);
     read.then(function (ranges) {
       if (signal !== self.signal) return;
       self.reading -= 1;
@@ -204,13 +206,13 @@
 
   Check.prototype.giveUp = function (id, message) {
     this.unread.push({ id: id, path: this.path(id), message: message });
-    if (IMAGES.test(this.files[id].name)) this.done += 1;
+    if (isSent(this.files[id])) this.done += 1;
     this.changed();
   };
 
   Check.prototype.put = function (id, ranges, size) {
     var waiting = this.batch.reduce(function (sum, entry) { return sum + entry.size; }, 0);
-    if (this.batch.length && waiting + size > this.limits.batch_bytes) this.closeBatch();
+    if (this.batch.length && waiting + size > BATCH_SHARE * this.limits.batch_bytes) this.closeBatch();
     this.batch.push({ id: id, ranges: ranges, size: size });
     var most = this.sentBatches ? this.limits.batch_files : Math.min(FIRST_BATCH_FILES, this.limits.batch_files);
     if (this.batch.length >= most) this.closeBatch();
@@ -314,6 +316,11 @@
     this.goOn();
     this.changed();
   };
+
+  /* Masks go by their name alone: nobody looks into them. */
+  function isSent(file) {
+    return IMAGES.test(file.name) || MASKS.test(file.name);
+  }
 
   function base64(data) {
     var text = "";

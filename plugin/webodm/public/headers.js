@@ -7,6 +7,7 @@
   var HEAD_BYTES = 32 * 1024;
   var BLOCK_BYTES = 8 * 1024;
   var JOIN_GAP_BYTES = 192;
+  var MOST_RANGES = 200;
   var TEXT_BYTES = 1024;
   var MOST_XMP_BYTES = 4 * 1024 * 1024;
   var MOST_SEGMENTS = 4096;
@@ -52,19 +53,26 @@
     if (data && length > 0) this.asked.push([offset, length]);
     return data;
   };
+  /* What was asked for, in order; ranges close to each other are one, and so are farther ones where there are many. */
   Bytes.prototype.ranges = function () {
-    var joined = [];
     this.asked.sort(function (a, b) { return a[0] - b[0] || a[1] - b[1]; });
-    this.asked.forEach(function (range) {
+    var gap = JOIN_GAP_BYTES, joined = join(this.asked, gap);
+    while (joined.length > MOST_RANGES) joined = join(joined, (gap *= 4));
+    return joined;
+  };
+
+  function join(ranges, gap) {
+    var joined = [];
+    ranges.forEach(function (range) {
       var last = joined[joined.length - 1];
-      if (last && range[0] <= last[0] + last[1] + JOIN_GAP_BYTES) {
+      if (last && range[0] <= last[0] + last[1] + gap) {
         last[1] = Math.max(last[1], range[0] + range[1] - last[0]);
       } else {
         joined.push([range[0], range[1]]);
       }
     });
     return joined;
-  };
+  }
 
   function starts(data, text) {
     if (!data || data.length < text.length) return false;
