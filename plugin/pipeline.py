@@ -13,6 +13,7 @@ from ..stages.errors import BlockedError, MissingDependency, SensorgateError
 from ..stages.finding import Finding, sort_key
 from ..stages.gate import BLOCKED
 from ..stages.harmonize.model import HarmonizedFrame
+from ..stages.overruled import overruled, still_true
 from ..stages.progress import Cancel, Progress, check
 from ..stages.proven import apart
 from ..stages.read import Found
@@ -162,7 +163,10 @@ def _produce(
         reporting.digest_of(inspection.survey, {}),
         inspection.settings.thresholds,
     )
-    said = [*inspection.findings, *ready.findings, *written.findings, *memory.findings]
+    decisions = {d.profile: d for p in reversed(placed) for d in p.proven.locked}
+    refuted = overruled(decisions.values(), inspection.survey.profiles, inspection.settings.thresholds)
+    known = still_true(inspection.findings, refuted, {f.path: f.profile for f in inspection.survey.frames})
+    said = [*known, *refuted, *ready.findings, *written.findings, *memory.findings]
     findings = tuple(sorted(said, key=sort_key))
     report = _report(inspection, findings, written.record)
     _conserve(report)

@@ -342,7 +342,10 @@ class Thresholds:
     oblique_view_deg: float = _number(15.0, "degree", "views tilted by more than this help to fix a focal")
     oblique_share: float = _number(0.1, "ratio of frames", "so many tilted views support a self-calibration")
     two_heights_ratio: float = _number(
-        0.2, "ratio of height", "camera heights spread by this much separate the focal from the height"
+        0.2, "ratio of height", "camera heights spread by this much can show a focal's error in their differences"
+    )
+    flight_offset_share: float = _number(
+        0.2, "ratio of the climb", "no focal is so far off: a flight that lies higher by more counts from another zero"
     )
     camera_moved: float = _number(
         0.001, "ratio", "another profile's camera that moved less leaves a candidate's trial as it was"

@@ -34,20 +34,15 @@ LONG = (
     "parrot-rig",
     "rolling-shutter",
     "swapped-captures",
+    "offset-altitudes",
 )
-# Two flights of one payload count from two zeros: their one fit to GPS takes the step for a wrong shape.
-OFFSET = pytest.param("offset-altitudes", marks=[pytest.mark.slow, pytest.mark.xfail(reason="offsets per flight")])
 # Solved on geometry that fixes it; see the stories for what does.
 FOCAL_ERROR = 0.005
-FOCAL_KNOWN_OFF = {
-    "altitudes-1-3": "nadir frames at two heights fix a focal through their positions alone",
-    "obliques": "the principal point is 7 px off the middle and is not solved",
-}
 CHECK_HORIZONTAL_GSD, CHECK_VERTICAL_GSD = 1.5, 3.0
 WITH_CONTROL = {"clean", "firmware-drift", "demo", "demo-nasty", "wrong-sheet", "rolling-shutter"}
 
 
-@pytest.mark.parametrize("story", [*QUICK, *(pytest.param(s, marks=pytest.mark.slow) for s in LONG), OFFSET])
+@pytest.mark.parametrize("story", [*QUICK, *(pytest.param(s, marks=pytest.mark.slow) for s in LONG)])
 def test_every_payload_goes_where_the_truth_says(story, tmp_path):
     outcome = play(story, tmp_path)
     assert wrong_routes(outcome) == []
@@ -60,8 +55,6 @@ def test_every_payload_goes_where_the_truth_says(story, tmp_path):
         assert horizontal <= CHECK_HORIZONTAL_GSD, name
         assert vertical <= CHECK_VERTICAL_GSD, name
     off = [c for c in focals(outcome) if c.fixed and abs(c.error) > FOCAL_ERROR]
-    if off and story in FOCAL_KNOWN_OFF:
-        pytest.xfail(FOCAL_KNOWN_OFF[story])
     assert off == []
 
 

@@ -15,6 +15,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 from ..thresholds import Thresholds
 from .fit import called
+from .heights import VerticalScale
 from .model import AlignCamera, Bowing, Candidate, LockDecision
 from .prepare import focal_over_side, known_distortion
 from .solution import CameraSetting
@@ -37,25 +38,35 @@ class Trial:
 
 @dataclass(frozen=True)
 class Geometry:
-    """What of a block can hold a self-calibration: oblique share, spread of heights, control points."""
+    """What of a block can hold a self-calibration: oblique share, control points, measured heights.
+
+    ``height_sigma`` is the standard error of the vertical scale by measured
+    differences of height, ``None`` where there are none.
+    """
 
     oblique_share: float
-    height_spread: float
     control: bool = False
+    height_sigma: Optional[float] = None
+
+    def tilted(self, limits: Thresholds) -> bool:
+        """Enough tilted views. Straight down, the place and tilt of each camera take up a shifted principal point."""
+        return self.oblique_share >= limits.oblique_share
 
     def strong(self, limits: Thresholds) -> bool:
-        """Obliques, two heights or ground control: the focal is seen by more than its product with height."""
-        return (
-            self.control or self.oblique_share >= limits.oblique_share or self.height_spread >= limits.two_heights_ratio
+        """Obliques, ground control or well measured heights: the focal is seen by more than its product with height."""
+        measured = self.height_sigma is not None and (
+            limits.solved_focal_sigma * self.height_sigma <= limits.focal_source_gap
         )
+        return self.control or self.tilted(limits) or measured
 
 
 @dataclass(frozen=True)
 class Outcome:
     """How a trial fared. ``misfit`` is residual over allowed, the larger of horizontal and vertical.
 
-    ``solved_focal`` and ``solved_distortion`` are its camera after the
-    adjustment, ``focal_sigma`` the standard error of a solved focal.
+    ``solved_focal``, ``solved_center`` and ``solved_distortion`` are its
+    camera after the adjustment, ``focal_sigma`` the standard error of a solved
+    focal, ``scale`` what measured heights say of it.
     """
 
     trial: Trial
@@ -69,6 +80,8 @@ class Outcome:
     solved_focal: float
     solved_distortion: Tuple[float, ...]
     focal_sigma: Optional[float] = None
+    solved_center: Tuple[float, float] = (0.0, 0.0)
+    scale: Optional[VerticalScale] = None
 
 
 def trials_for(camera: AlignCamera) -> Tuple[Trial, ...]:
@@ -93,20 +106,21 @@ def trials_for(camera: AlignCamera) -> Tuple[Trial, ...]:
     )
 
 
-def setting_for(trial: Trial, current: CameraSetting) -> CameraSetting:
-    """The camera that an adjustment starts from under a trial."""
+def setting_for(trial: Trial, current: CameraSetting, tilted: bool = False) -> CameraSetting:
+    """The camera that an adjustment starts from under a trial; with ``tilted`` views its centre is solved as well."""
     return replace(
         current,
         focal_ratio=trial.focal if trial.focal is not None else current.focal_ratio,
         distortion=trial.distortion if trial.distortion is not None else (*current.distortion[:2], 0.0, 0.0, 0.0),
         solve_focal=trial.focal is None,
         solve_distortion=trial.distortion is None,
+        solve_center=tilted and trial.distortion is None,
     )
 
 
 def frozen(setting: CameraSetting) -> CameraSetting:
     """The same camera, not moving: how the other profiles stand while one is tried."""
-    return replace(setting, solve_focal=False, solve_distortion=False)
+    return replace(setting, solve_focal=False, solve_distortion=False, solve_center=False)
 
 
 def vetoes(outcomes: Sequence[Outcome], flown_height_m: Optional[float], limits: Thresholds) -> Tuple[str, ...]:
@@ -125,6 +139,11 @@ def _veto(o: Outcome, best_px: float, flown_m: Optional[float], limits: Threshol
         return f"costs {cost:.0%} reprojection error, {limits.held_reproj_cost:.0%} is the limit"
     if o.misfit is not None and o.misfit > 1.0:
         return f"lies {o.misfit:.1f} times the allowed distance off its GPS"
+    if o.scale is not None and abs(o.scale.ratio - 1.0) > limits.solved_focal_sigma * o.scale.sigma:
+        return (
+            f"its differences of height are {1.0 / o.scale.ratio - 1.0:+.1%} off the measured ones, known to "
+            f"{o.scale.sigma:.1%}"
+        )
     if o.height_m is not None and flown_m is not None:
         allowed = max(limits.height_veto_m, limits.height_veto_ratio * flown_m) + (o.relief_m or 0.0)
         if abs(o.height_m - flown_m) > allowed:
@@ -273,7 +292,7 @@ def _decision(outcome: Outcome, camera: AlignCamera, hold: bool, reason: str) ->
         profile=camera.profile,
         hold=hold,
         focal_ratio=round(outcome.solved_focal, 6),
-        center_ratio=camera.intrinsics.center_ratio or (0.0, 0.0),
+        center_ratio=(round(outcome.solved_center[0], 6), round(outcome.solved_center[1], 6)),
         distortion=tuple(round(v, 6) for v in outcome.solved_distortion),
         source=f"focal {trial.focal_source}, distortion {trial.distortion_source}",
         reason=reason,
@@ -300,6 +319,9 @@ def as_candidates(
             bowing=o.bowing,
             vetoed=veto[i],
             chosen=i == chosen,
+            center_ratio=(round(o.solved_center[0], 6), round(o.solved_center[1], 6)),
+            height_scale=o.scale.ratio if o.scale else None,
+            height_scale_sigma=o.scale.sigma if o.scale else None,
         )
         for i, o in enumerate(outcomes)
     )

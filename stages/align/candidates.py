@@ -15,9 +15,10 @@ from . import worker
 from .calibrate import Geometry, Outcome, Trial, as_candidates, choose, frozen, setting_for, trials_for
 from .control import Lay, holds_of, lay_by_control, lays_of
 from .fit import bowing, height_above_ground, residual_fit, surface_bow
+from .heights import vertical_scale
 from .held import HOLDING
 from .model import AlignCamera, AlignFrame, AlignRequest, Bowing, Candidate, LockDecision
-from .prepare import focal_over_side, holdable
+from .prepare import center_over_side, focal_over_side, holdable
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
 from .world import Ground, Rows, fit_rows
 
@@ -55,7 +56,7 @@ def calibrate(
     told: Dict[str, Tuple[Candidate, ...]] = {}
     decided: Dict[str, LockDecision] = {}
     stood: Dict[str, Tuple[CameraSetting, ...]] = {}
-    free: Dict[str, Tuple[bool, bool]] = {}
+    free: Dict[str, Tuple[bool, bool, bool]] = {}
     lays = lays_of(request, job, solution, ground, limits)
     holds = holds_of(request, job, solution, ground, lays) if engine in HOLDING else ()
     for lap in range(2 if len(order) > 1 else 1):
@@ -67,12 +68,14 @@ def calibrate(
             stood[profile] = others
             camera = _main_camera(request, job, solution, profile)
             trials = trials_for(camera)
-            variants = tuple(_variant(request, current, profile, t) for t in trials)
+            rows = _rows(request, solution, profile)
+            model = int(solution.model[rows[0]])
+            mapped = geometry_of(request, solution, ground, rows, limits, lays.get(model))
+            tilted = mapped.tilted(limits)
+            variants = tuple(_variant(request, current, profile, t, tilted) for t in trials)
             place = folder / f"calibrate-{lap}-{order.index(profile):02d}"
             task = AdjustJob(solution.stored, job, variants)
             solved = worker.adjust(task, engine, place, progress, cancel)
-            rows = _rows(request, solution, profile)
-            model = int(solution.model[rows[0]])
             laid = [lay_by_control(request, job, s, ground, model, limits) if model in lays else None for s in solved]
             outcomes = tuple(
                 _outcome(t, request, s, ground, rows, profile, job, limits, lay)
@@ -92,7 +95,8 @@ def calibrate(
             chosen, decision, veto = choose(outcomes, surfaces, camera, geometry, height, limits)
             told[profile] = as_candidates(outcomes, chosen, decision, veto)
             decided[profile] = decision
-            free[profile] = (trials[chosen].focal is None, trials[chosen].distortion is None)
+            bent = trials[chosen].distortion is None
+            free[profile] = (trials[chosen].focal is None, bent, bent and tilted)
             base = solved[chosen]
             current = tuple(frozen(c) for c in (fixed[chosen] if held else base).cameras)
     final = replace(
@@ -112,8 +116,8 @@ def calibrate(
         candidates=tuple(c for p in sorted(told) for c in told[p]),
         decisions=tuple(decided[p] for p in sorted(decided)),
         moving=tuple(
-            replace(c, solve_focal=focal, solve_distortion=bend)
-            for c, (focal, bend) in zip(current, (free.get(c.profile, (False, False)) for c in current))
+            replace(c, solve_focal=focal, solve_distortion=bend, solve_center=center)
+            for c, (focal, bend, center) in zip(current, (free.get(c.profile, (False,) * 3) for c in current))
         ),
     )
 
@@ -136,6 +140,7 @@ def _under_control(outcome: Outcome, solution: Solution, job: Job, rows: Rows, p
         outcome,
         error_px=_error(solution, kept),
         solved_focal=camera.focal_ratio,
+        solved_center=camera.center_ratio,
         solved_distortion=camera.distortion,
         focal_sigma=sigma if np.isfinite(sigma) else None,
     )
@@ -209,17 +214,18 @@ def _main_camera(request: AlignRequest, job: Job, solution: Solution, profile: s
 
 
 def _variant(
-    request: AlignRequest, current: Sequence[CameraSetting], profile: str, trial: Trial
+    request: AlignRequest, current: Sequence[CameraSetting], profile: str, trial: Trial, tilted: bool
 ) -> Tuple[CameraSetting, ...]:
     return tuple(
-        setting_for(trial, _restart(request.cameras[i], c)) if c.profile == profile else c
+        setting_for(trial, _restart(request.cameras[i], c), tilted) if c.profile == profile else c
         for i, c in enumerate(current)
     )
 
 
 def _restart(camera: AlignCamera, setting: CameraSetting) -> CameraSetting:
-    """A solved focal starts from what the mapping found, or from the trusted value."""
+    """A solved focal starts from what the mapping found, or from the trusted value; the centre from what is known."""
     known = focal_over_side(camera) if camera.intrinsics.focal_trusted else None
+    setting = replace(setting, center_ratio=center_over_side(camera.intrinsics))
     return setting if known is None else replace(setting, focal_ratio=known)
 
 
@@ -250,7 +256,9 @@ def _outcome(
         relief_m=None,
         bowing=Bowing(),
         solved_focal=camera.focal_ratio,
+        solved_center=camera.center_ratio,
         solved_distortion=camera.distortion,
+        scale=vertical_scale(request.frames, solution, ground, kept, limits),
         focal_sigma=focal_sigma if np.isfinite(focal_sigma) else None,
     )
     control = lay.similarity if lay is not None and lay.holds else None
@@ -342,7 +350,7 @@ def geometry_of(
     limits: Thresholds,
     lay: Optional[Lay] = None,
 ) -> Geometry:
-    """Measure what supports a self-calibration: solved view tilts and heights of the profile's frames, control."""
+    """Measure what supports a self-calibration: view tilts and measured heights of the profile's frames, control."""
     kept = rows[(solution.model[rows] != UNPLACED)]
     known = kept[ground.known[kept]]
     fit = fit_rows(solution, ground, known) if len(known) >= limits.min_proof_frames else None
@@ -350,15 +358,9 @@ def geometry_of(
     if lay is not None and control:
         fit = lay.similarity
     if fit is None or not len(kept):
-        return Geometry(0.0, 0.0)
+        return Geometry(0.0, control)
     views = fit.directions(solution.rotation[kept, 2])
     tilt = np.degrees(np.arccos(np.clip(-views[:, 2], -1.0, 1.0)))
     oblique = float((tilt > limits.oblique_view_deg).mean())
-    centers = fit.points(solution.center[kept])
-    points = fit.points(_points(solution, kept))
-    height, _ = height_above_ground(centers, points)
-    spread = 0.0
-    if height and height > 0:
-        low, high = np.percentile(centers[:, 2], [5, 95])
-        spread = float((high - low) / height)
-    return Geometry(round(oblique, 4), round(spread, 4), control)
+    scale = vertical_scale(request.frames, solution, ground, kept, limits)
+    return Geometry(round(oblique, 4), control, None if scale is None else scale.sigma)

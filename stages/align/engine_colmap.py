@@ -83,7 +83,10 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
                     Flag(("output_path",), str(target)),
                     Flag(("BundleAdjustment.refine_focal_length",), _bit(any(c.solve_focal for c in moving))),
                     Flag(("BundleAdjustment.refine_extra_params",), _bit(any(c.solve_distortion for c in moving))),
-                    Flag(("BundleAdjustment.refine_principal_point",), "0"),
+                    Flag(
+                        ("BundleAdjustment.refine_principal_point",),
+                        _bit(bool(moving) and all(c.solve_center for c in moving)),
+                    ),
                     Flag(("BundleAdjustmentCeres.max_num_iterations", "BundleAdjustment.max_num_iterations"), "60"),
                 ],
                 folder,

@@ -46,6 +46,11 @@ def _judge_one(p: PayloadFigures, measured: Measured, several: bool, limits: Thr
         bad.append(f"its pairs hold {_say(p.own_inliers)} verified matches, {limits.min_inliers} are needed")
     _reprojection(p, limits, bad, said)
     _gps(p, measured.anchor, limits, bad, open_, said)
+    for flight, up in p.flight_offsets_m:
+        said.append(
+            f"the GPS altitudes of {flight} lie {_side(up, 'above', 'below')} those of its other flights: its shape "
+            "holds, it was judged without the difference"
+        )
     _control(p, bad, open_, said)
     _gap(p, bad, said)
     if p.looks_down is not None and p.looks_down < limits.min_registered_share:
@@ -71,6 +76,7 @@ def _judge_one(p: PayloadFigures, measured: Measured, several: bool, limits: Thr
         verdict=verdict,
         reasons=tuple(reasons),
         strong_cross_pairs=p.strong_cross,
+        flight_offsets_m=p.flight_offsets_m,
         gps_offset_m=p.offset_m if any("GPS offset" in r for r in said) else None,
         control=p.control,
     )
@@ -143,8 +149,8 @@ def _gps(
         if scatter is not None and scatter <= 1.0 and p.offset_m is not None:
             east, north, up = p.offset_m
             said.append(
-                f"GPS offset of {east:+.1f} m east, {north:+.1f} m north, {up:+.1f} m up against {anchor}: "
-                "its shape holds, its positions are shifted"
+                f"GPS offset: its positions lie {_side(east, 'east', 'west')}, {_side(north, 'north', 'south')} and "
+                f"{_side(up, 'above', 'below')} where {anchor} puts its cameras; its shape holds"
             )
         else:
             bad.append(
@@ -212,6 +218,10 @@ def _near(value: float, limit: float, above: bool = False) -> str:
     ratio = value / limit if limit else 0.0
     close = 1.0 <= ratio < 1.0 + _CLOSE if above else 1.0 - _CLOSE < ratio <= 1.0
     return " (close)" if close else ""
+
+
+def _side(value: float, positive: str, negative: str) -> str:
+    return f"{abs(value):.1f} m {positive if value >= 0 else negative}"
 
 
 def _say(value: Optional[int]) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from ..thresholds import Thresholds
 from .control import NO_CONTROL, Controlled
 from .fit import Similarity, bowing, collinear, height_above_ground, residual_fit
+from .heights import offsets_of
 from .model import AlignFrame, Bowing, ControlFit, GpsFit
 from .solution import UNPLACED, Array, Solution
 from .world import Ground, Rows, choose_anchor, fit_rows, laid_centers, laid_points, lay_models, looks_down, rows_of
@@ -23,8 +24,9 @@ Laid = Tuple[Tuple[Optional[Similarity], str], ...]
 class PayloadFigures:
     """Everything measured of one payload; ``None`` where it could not be.
 
-    ``offset_m`` is the median of its residual together, ``scatter`` what is
+    ``offset_m`` is the median of its residual together, measured minus solved, ``scatter`` what is
     left of the residual once that is taken off: a GPS offset leaves little.
+    ``flight_offsets_m`` are flights whose altitudes were shifted to the others'.
     ``strong_cross`` counts pairs with other payloads of at least the required
     inliers.
     """
@@ -54,6 +56,7 @@ class PayloadFigures:
     positions: int
     self_fitted: bool
     control: Optional[ControlFit] = None
+    flight_offsets_m: Tuple[Tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,7 @@ def _payload(
     scatter = GpsFit(0)
     if len(residual):
         middle = np.median(residual, axis=0)
-        offset = (round(float(middle[0]), 3), round(float(middle[1]), 3), round(float(middle[2]), 3))
+        offset = (round(-float(middle[0]), 3), round(-float(middle[1]), 3), round(-float(middle[2]), 3))
         scatter = residual_fit(residual - middle, together_sigma, 0, line, vertical)
     cross, strong, own, tied = _inliers(name, frames, solution, limits)
     height, relief = _height(solution, laid, centers, inside)
@@ -194,6 +197,7 @@ def _payload(
         positions=int(ground.known[mine].sum()),
         self_fitted=self_fitted,
         control=proof,
+        flight_offsets_m=tuple(offsets_of(frames, solution, ground, name).items()),
     )
 
 

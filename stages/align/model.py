@@ -177,7 +177,12 @@ class SolvedCamera:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One calibration tried on the same matches, with what it cost and how it fared."""
+    """One calibration tried on the same matches, with what it cost and how it fared.
+
+    ``height_scale`` is measured over solved differences of height under the
+    horizontal scale of GPS, with its standard error; ``None`` without heights
+    that differ.
+    """
 
     profile: str
     name: str
@@ -193,6 +198,9 @@ class Candidate:
     bowing: Bowing = Bowing()
     vetoed: str = ""
     chosen: bool = False
+    center_ratio: Tuple[float, float] = (0.0, 0.0)
+    height_scale: Optional[float] = None
+    height_scale_sigma: Optional[float] = None
 
 
 @dataclass(frozen=True)
@@ -222,8 +230,11 @@ class PayloadAlignment:
     payload, ``alone`` under its own. ``cross_inliers`` is the median of its
     verified pairs with other payloads, ``strong_cross_pairs`` how many of them
     hold the required inliers. ``verdict`` is ``pass``, ``fail`` or
-    ``unproven``. ``gps_offset_m`` (east, north, up) is set where the geometry
-    holds and the payload's positions are shifted against the anchor's.
+    ``unproven``. ``gps_offset_m`` is set where the geometry holds and the
+    payload's positions are shifted against the anchor's: how far they lie east,
+    north and up of where the anchor puts its cameras (measured minus solved).
+    ``flight_offsets_m`` names flights whose altitudes lie that far above the
+    payload's other ones; it was judged without.
     """
 
     payload: str
@@ -244,6 +255,7 @@ class PayloadAlignment:
     strong_cross_pairs: int = 0
     gps_offset_m: Optional[Tuple[float, float, float]] = None
     control: Optional[ControlFit] = None
+    flight_offsets_m: Tuple[Tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)

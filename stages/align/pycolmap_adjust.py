@@ -85,7 +85,8 @@ def _adjust_model(
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_focal_length = any(s.solve_focal for s in moving)
     options.refine_extra_params = any(s.solve_distortion for s in moving)
-    options.refine_principal_point = False
+    # For all moving cameras or for none: one whose views cannot fix it must not follow another.
+    options.refine_principal_point = bool(moving) and all(s.solve_center for s in moving)
     options.print_summary = False
     solver = (options.ceres if hasattr(options, "ceres") else options).solver_options
     solver.num_threads = 1

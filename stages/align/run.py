@@ -19,6 +19,7 @@ from .calibrate import frozen
 from .candidates import as_mapped, calibrate
 from .control import Controlled
 from .fit import Similarity
+from .heights import levelled
 from .held import hold_control
 from .judge import judge, overall
 from .measure import Measured, measure
@@ -89,12 +90,15 @@ def align_once(
         )
     folder = workspace / _folder(request, rung, side, engine, extra, start)
     solution = worker.solve(job, engine, folder, workspace, progress, cancel)
+    positions = ground
+    ground = levelled(request.frames, solution, positions, thresholds)
     candidates: Tuple[Candidate, ...] = ()
     decisions = as_mapped(request, solution)
     cameras = tuple(frozen(c) for c in solution.cameras)
     if not lock and start is None and solution.models:
         done = calibrate(request, job, solution, ground, engine, folder, thresholds, progress, cancel)
         solution, candidates, decisions, cameras = done.solution, done.candidates, done.decisions, done.moving
+        ground = levelled(request.frames, solution, positions, thresholds)
     solution, control = hold_control(
         request, job, solution, cameras, ground, engine, folder, thresholds, progress, cancel
     )
@@ -126,7 +130,12 @@ def _as_held(decisions: Sequence[LockDecision], report: AlignmentReport) -> Tupl
         return tuple(decisions)
     solved = {c.profile: c for c in report.cameras}
     return tuple(
-        replace(d, focal_ratio=solved[d.profile].focal_ratio, distortion=solved[d.profile].distortion)
+        replace(
+            d,
+            focal_ratio=solved[d.profile].focal_ratio,
+            center_ratio=solved[d.profile].center_ratio,
+            distortion=solved[d.profile].distortion,
+        )
         if not d.hold and d.profile in solved
         else d
         for d in decisions
@@ -257,7 +266,7 @@ def solved_cameras(request: AlignRequest, job: Job, solution: Solution) -> Tuple
             SolvedCamera(
                 profile=profile,
                 focal_ratio=round(camera.focal_ratio, 6),
-                center_ratio=camera.center_ratio,
+                center_ratio=(round(camera.center_ratio[0], 6), round(camera.center_ratio[1], 6)),
                 distortion=tuple(round(v, 6) for v in camera.distortion),
                 held=camera.held,
                 frames=len(rows),

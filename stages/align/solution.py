@@ -47,7 +47,10 @@ class CameraSetting:
     ``focal_ratio`` and ``center_ratio`` are over max(width, height) of the
     working size, the centre as offset from the image centre.
     ``distortion`` is k1, k2, p1, p2, k3 (Brown). ``solve_focal`` and
-    ``solve_distortion`` say what the bundle adjustment may move.
+    ``solve_distortion`` say what the bundle adjustment may move,
+    ``solve_center`` that a solved distortion has its principal point and
+    decentring too: only tilted views tell these from the tilt and the place
+    of each camera.
     """
 
     profile: str
@@ -59,6 +62,7 @@ class CameraSetting:
     solve_focal: bool = True
     solve_distortion: bool = True
     prior: bool = True
+    solve_center: bool = False
 
     @property
     def held(self) -> bool:

@@ -53,8 +53,9 @@ def project(name: str, values: Tuple[float, ...], local: Array) -> Array:
     """Project camera coordinates (N, 3) to pixels (N, 2) under the models that are used here."""
     u, v = local[:, 0] / local[:, 2], local[:, 1] / local[:, 2]
     r2 = u * u + v * v
-    if name == "FULL_OPENCV":
-        fx, fy, cx, cy, k1, k2, p1, p2, k3 = values[:9]
+    if name in ("OPENCV", "FULL_OPENCV"):
+        fx, fy, cx, cy, k1, k2, p1, p2 = values[:8]
+        k3 = values[8] if name == "FULL_OPENCV" else 0.0
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
         x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u)
         y = v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v

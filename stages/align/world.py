@@ -30,13 +30,15 @@ class Ground:
     ``sigma`` (N, 2) is the spread in metres, horizontal and vertical, that a
     right model's centres show against them: the receiver's and the free
     network's own. ``vertical`` (N,) says whose altitude is a measurement.
-    ``control`` has the places of ground points by id in the same frame.
+    ``control`` has the places of ground points by id in the same frame,
+    ``offsets`` by flight what was taken off its altitudes.
     """
 
     east_north_up: Array
     sigma: Array
     vertical: npt.NDArray[np.bool_]
     control: Mapping[str, Array] = field(default_factory=dict)
+    offsets: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def known(self) -> npt.NDArray[np.bool_]:

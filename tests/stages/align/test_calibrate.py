@@ -25,8 +25,8 @@ XMP = AlignCamera(
 )
 GUESSED = AlignCamera("p", 4000, 3000, Intrinsics(focal_ratio=0.6, focal_source="equivalent-35mm"))
 TRUSTED_FOCAL = AlignCamera("p", 4000, 3000, Intrinsics(focal_ratio=0.6, focal_source="sheet"))
-NADIR = Geometry(0.0, 0.03)
-GOOD = Geometry(0.3, 0.4)
+NADIR = Geometry(0.0)
+GOOD = Geometry(0.3)
 FLAT = Bowing(0.02, 0.1, 50.0)
 BOWED = Bowing(-0.9, 0.1, 50.0)
 

@@ -251,6 +251,13 @@ def test_rays_undo_the_projection(bend):
 def test_what_may_move_decides_the_model():
     free = CameraSetting("p", 1200, 900, 0.8)
     assert camera_model(free)[0] == "RADIAL"
+    tilted = replace(free, solve_center=True, center_ratio=(0.01, -0.02), distortion=(-0.1, 0.02, 0.001, -0.002, 0.0))
+    name, values = camera_model(tilted)
+    assert name == "OPENCV"
+    back = read_model(replace(free, solve_center=True), name, values)
+    assert np.allclose((*back.center_ratio, *back.distortion), (*tilted.center_ratio, *tilted.distortion), atol=1e-12)
+    local = np.random.default_rng(1).uniform([-0.5, -0.4, 1.0], [0.5, 0.4, 1.0], (50, 3))
+    assert np.allclose(rays(back, project(name, tuple(values), local)), local, atol=1e-7)
     assert camera_model(replace(free, solve_distortion=False))[0] == "SIMPLE_PINHOLE"
     bent = replace(free, solve_distortion=False, distortion=(0.1, 0.0, 0.0, 0.0, 0.0))
     assert camera_model(bent)[0] == "FULL_OPENCV"

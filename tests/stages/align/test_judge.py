@@ -60,7 +60,7 @@ def test_a_shifted_gps_is_no_geometry():
     assert found["b"].verdict == PASS
     assert found["b"].together.horizontal_m == pytest.approx(30.0, abs=0.5)
     assert found["b"].alone.horizontal_m < 0.05
-    assert np.allclose(found["b"].gps_offset_m, (-30.0, 0.0, 0.0), atol=0.1)
+    assert np.allclose(found["b"].gps_offset_m, (30.0, 0.0, 0.0), atol=0.1)
 
 
 def test_the_same_registered_frames_in_two_models_are_refused():
