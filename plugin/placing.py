@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
@@ -64,8 +65,9 @@ def without_alignment(group: Group, survey: Survey) -> List[Placed]:
     return [Placed(group, proven)]
 
 
-def project_names(placed: Sequence[Placed]) -> Tuple[str, ...]:
-    """One folder name per project: the spectrum where it has one project only, else with its first payload."""
+def project_names(placed: Sequence[Placed], survey: Survey) -> Tuple[str, ...]:
+    """One folder name per project: the spectrum where it has one project only, else with its largest payload."""
+    payload_of = {f.path: f.payload for f in survey.frames}
     count: Dict[str, int] = {}
     for item in placed:
         count[item.group.spectrum] = count.get(item.group.spectrum, 0) + 1
@@ -74,7 +76,9 @@ def project_names(placed: Sequence[Placed]) -> Tuple[str, ...]:
         spectrum = item.group.spectrum
         name = spectrum
         if count[spectrum] > 1:
-            first = slug(item.proven.payloads[0].replace("/rig", "").replace(f"/{spectrum}", ""))
+            size = Counter(payload_of[p] for p in item.proven.frames)
+            largest = min(size, key=lambda p: (-size[p], p))
+            first = slug(largest.replace("/rig", "").replace(f"/{spectrum}", ""))
             band = f"-{slug(item.group.lone_band)}" if item.group.lone_band else ""
             name = f"{spectrum}-{first}"[: 60 - len(band)].rstrip("-.") + band
         unique, number = name, 1
@@ -148,7 +152,7 @@ def place(placed: Sequence[Placed], inspection: Inspection, ready: Harmonized, r
     findings: List[Finding] = []
     outputs: Dict[str, str] = {}
     locks: Dict[str, Tuple[bool, str]] = {}
-    for name, item in zip(project_names(ordered), ordered):
+    for name, item in zip(project_names(ordered, inspection.survey), ordered):
         paths = frames_of(item, inspection.survey)
         if not paths:
             raise SensorgateError(f"The project {name} would have no frame. Please report this.")
