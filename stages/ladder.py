@@ -11,15 +11,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Set, Tuple
+from types import MappingProxyType
+from typing import Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 from .align.blocks import likeness, of_frames, subset
 from .align.control import checked
 from .align.judge import FAIL, PASS, UNPROVEN
 from .align.model import AlignmentReport, AlignRequest, PayloadAlignment
-from .align.run import Aligned, align_once
+from .align.prepare import engine_settings, rung_max_dim
+from .align.run import Aligned, align_once, with_report
 from .align.solution import Retrieval
 from .align.tie import ControlTie, joined_by_control, tie_by_control
+from .align.ties import ties_of
 from .align.worker import SolverFailed
 from .partition import lock_sides, stray_models, why_apart
 from .progress import Cancel, Progress, check
@@ -46,6 +49,7 @@ class Ladder:
         self.progress = progress
         self.cancel = cancel
         self.attempts: List[AlignmentReport] = []
+        self._known: Dict[Tuple[object, ...], Aligned] = {}
 
     def run(
         self,
@@ -54,9 +58,15 @@ class Ladder:
         extra: Sequence[Retrieval] = (),
         start: Optional[Aligned] = None,
     ) -> Aligned:
-        """One alignment on a rung, kept among the attempts."""
+        """One alignment on a rung, kept among the attempts; what was aligned with the same numbers is not again."""
         check(self.cancel)
         side = self.max_dim
+        numbers = engine_settings(rung, side or rung_max_dim(rung, self.limits), 1, self.limits)
+        whole = tuple(f.path for f in request.frames)
+        key = (whole, numbers, tuple(extra), start.solution.stored if start else "")
+        if key in self._known:
+            known = self._known[key]
+            return with_report(known, replace(known.report, rung=rung))
         done = align_once(
             request,
             self.workspace,
@@ -70,6 +80,7 @@ class Ladder:
             start=start,
         )
         self.attempts.append(done.report)
+        self._known[key] = done
         return done
 
     def climb(self, request: AlignRequest, route: str) -> List[ProvenGroup]:
@@ -93,6 +104,13 @@ class Ladder:
         if not verdicts[FAIL]:
             return self._accept(quick, route)
         several = len(quick.report.payloads) > 1
+        loose = self._loose(request, quick) if several else {}
+        if loose:
+            kept, guilty = self._separate(quick)
+            if set(guilty) <= set(loose):
+                if kept is None:
+                    return self._each_alone(request, quick, route)
+                return self._rejoin(request, kept, guilty, quick, route, loose)
         extra = [likeness(request, p, self.limits) for p in sorted(verdicts[FAIL])] if several else []
         mixed = self.run(request, "mixed", extra)
         if not _verdicts(mixed.report)[FAIL]:
@@ -102,6 +120,37 @@ class Ladder:
         if kept is None:
             return self._each_alone(request, best, route)
         return self._rejoin(request, kept, guilty, mixed, route)
+
+    def _loose(self, request: AlignRequest, quick: Aligned) -> Dict[str, str]:
+        """Payload -> why no further rung can tie it, where that holds for all that failed.
+
+        Before a mixed or pairwise run is spent on payloads without ties, the
+        pairs that these runs would try for them are matched with their settings.
+        """
+        failed = [p for p in quick.report.payloads if p.verdict == FAIL]
+        least = self.limits.min_strong_pairs
+        if any(p.strong_cross_pairs >= least for p in failed):
+            return {}
+        names = sorted(p.payload for p in failed)
+        found = ties_of(
+            request,
+            names,
+            self.workspace,
+            [likeness(request, p, self.limits) for p in names],
+            rung="mixed",
+            thresholds=self.limits,
+            engine=self.engine,
+            max_dim=self.max_dim,
+            progress=self.progress,
+            cancel=self.cancel,
+        )
+        if found is None or any(t.strong >= least for t in found.values()):
+            return {}
+        return {
+            name: f"with the settings for mixed blocks {t.strong} of {t.tried} pairs with other payloads hold "
+            f"{self.limits.min_inliers} verified matches, {least} are needed: no pairwise run can join it"
+            for name, t in found.items()
+        }
 
     def _accept(self, done: Aligned, route: str, note: str = "") -> List[ProvenGroup]:
         """Turn an alignment without a failed payload into groups; the unproven leave the proven."""
@@ -198,14 +247,20 @@ class Ladder:
         return found
 
     def _rejoin(
-        self, request: AlignRequest, kept: Aligned, guilty: Sequence[str], tried: Aligned, route: str
+        self,
+        request: AlignRequest,
+        kept: Aligned,
+        guilty: Sequence[str],
+        tried: Aligned,
+        route: str,
+        loose: Mapping[str, str] = MappingProxyType({}),
     ) -> List[ProvenGroup]:
         """Try each refused payload pairwise on what stands, then let the rest go by themselves."""
         why = {p.payload: p.reasons[:1] for p in tried.report.payloads}
         strength = {p.payload: p.strong_cross_pairs for p in tried.report.payloads}
         stands, joined, refused = kept, [], {}
         for payload in sorted(guilty, key=lambda p: (-strength[p], p)):
-            result, notes = self._pairwise(request, stands, payload, tried)
+            result, notes = self._pairwise(request, stands, payload, tried, loose.get(payload, ""))
             if result is None:
                 refused[payload] = notes
             else:
@@ -221,19 +276,20 @@ class Ladder:
         return found
 
     def _pairwise(
-        self, request: AlignRequest, base: Aligned, payload: str, tried: Aligned
+        self, request: AlignRequest, base: Aligned, payload: str, tried: Aligned, loose: str = ""
     ) -> Tuple[Optional[Aligned], Tuple[str, ...]]:
         """Register one payload onto a standing model; ``None`` with what is missing where that is refused.
 
         ``tried`` has looked for pairs with the same features and by likeness:
-        where it verified none, there is nothing to register by, and only
-        ground control can tie.
+        where it verified none, or ``loose`` says that there are too few, there
+        is nothing to register by, and only ground control can tie.
         """
         linked = next((p.cross_pairs for p in tried.report.payloads if p.payload == payload), 0)
-        if not linked:
+        if loose or not linked:
             early = tie_by_control(tried, payload, self.limits)
             if not early.holds:
-                return None, ("no verified pair with any other payload, so pairwise has nothing to hold on", early.text)
+                nothing = "no verified pair with any other payload, so pairwise has nothing to hold on"
+                return None, (loose or nothing, early.text)
         names = {f.payload for f in base.request.frames} | {payload}
         both = subset(request, names)
         wish = likeness(both, payload, self.limits)

@@ -45,7 +45,7 @@ def solve(job: Job, folder: Path, cache: Path, step: Step) -> Solution:
     _match(tool, job, database, pairs, folder, step)
     inliers = inliers_of(database, ids)
     step("mapping", 0, 1)
-    found = _map(tool, job, database, images, folder)
+    found = [] if job.only_pairs else _map(tool, job, database, images, folder)
     step("mapping", 1, 1)
     shutil.rmtree(images, ignore_errors=True)
     solution = collect(job, job.cameras, cameras_of(database, job, ids), found)

@@ -42,7 +42,7 @@ def solve(job: Job, folder: Path, cache: Path, step: Step) -> Solution:
     pairs = sorted(set(job.pairs) | set(retrieved(job, all_descriptors(features))))
     verified = _verify_all(pycolmap, job, features, pairs, cache / "matches", step)
     step("mapping", 0, 1)
-    models = _map(pycolmap, job, features, verified, folder)
+    models = [] if job.only_pairs else _map(pycolmap, job, features, verified, folder)
     step("mapping", 1, 1)
     inliers = {pair: len(geometry.inlier_matches) for pair, geometry in verified.items()}
     solution = _read_back(job, models, folder, inliers, pairs, notes)

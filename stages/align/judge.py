@@ -228,6 +228,12 @@ def _say(value: Optional[int]) -> str:
     return "no" if value is None else str(value)
 
 
+def untied(payload: PayloadAlignment, limits: Thresholds) -> bool:
+    """Whether a payload has too few ties to others, or too few frames in the main model, to pass with any camera."""
+    share = payload.in_main_component / payload.frames if payload.frames else 0.0
+    return payload.strong_cross_pairs < limits.min_strong_pairs or round(share, 6) < limits.min_registered_share
+
+
 def overall(payloads: Sequence[PayloadAlignment]) -> str:
     """``pass`` when every payload passes, ``fail`` when one fails, else ``unproven``."""
     verdicts = {p.verdict for p in payloads}

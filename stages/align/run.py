@@ -21,7 +21,7 @@ from .control import Controlled
 from .fit import Similarity
 from .heights import levelled
 from .held import hold_control
-from .judge import judge, overall
+from .judge import FAIL, PASS, judge, overall, untied
 from .measure import Measured, measure
 from .model import (
     AlignedFrame,
@@ -79,7 +79,7 @@ def align_once(
     side = max_dim or rung_max_dim(rung, thresholds)
     ground = ground_of(request.frames, request.cameras, side, thresholds, request.gcps)
     plan = plan_pairs(request.frames, request.cameras, thresholds)
-    job = build_job(request, plan, rung, side, _threads(), thresholds, extra)
+    job = build_job(request, plan, rung, side, thread_count(), thresholds, extra)
     if start is not None:
         held = tuple(replace(c, solve_focal=False, solve_distortion=False) for c in start.solution.cameras)
         job = replace(
@@ -95,7 +95,7 @@ def align_once(
     candidates: Tuple[Candidate, ...] = ()
     decisions = as_mapped(request, solution)
     cameras = tuple(frozen(c) for c in solution.cameras)
-    if not lock and start is None and solution.models:
+    if not lock and start is None and solution.models and not _parted(request, solution, ground, plan, thresholds):
         done = calibrate(request, job, solution, ground, engine, folder, thresholds, progress, cancel)
         solution, candidates, decisions, cameras = done.solution, done.candidates, done.decisions, done.moving
         ground = levelled(request.frames, solution, positions, thresholds)
@@ -107,6 +107,16 @@ def align_once(
     report = replace(report, control=measured.control)
     report = replace(report, decisions=_as_held(decisions, report))
     return Aligned(report, request, job, solution, measured, plan, ground, control)
+
+
+def _parted(request: AlignRequest, solution: Solution, ground: Ground, plan: PairPlan, limits: Thresholds) -> bool:
+    """Whether payloads fail by their ties alone: no calibration mends that, so none is tried.
+
+    Somebody must pass as it is: where nobody does, the calibration decides who.
+    """
+    found = judge(measure(request.frames, solution, ground, plan.areas, limits), limits)
+    failed = [p for p in found if p.verdict == FAIL]
+    return bool(failed) and any(p.verdict == PASS for p in found) and all(untied(p, limits) for p in failed)
 
 
 def judged_again(
@@ -153,7 +163,8 @@ def extended(first: AlignRequest, whole: AlignRequest) -> AlignRequest:
     )
 
 
-def _threads() -> int:
+def thread_count() -> int:
+    """Threads that a solver may use."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return max(1, min(8, count or 1))
 

@@ -115,7 +115,10 @@ class EngineSettings:
 
 @dataclass(frozen=True)
 class Job:
-    """One solve. ``start`` names a stored model to extend, whose cameras and poses stay."""
+    """One solve. ``start`` names a stored model to extend, whose cameras and poses stay.
+
+    With ``only_pairs`` the pairs are verified and nothing is mapped.
+    """
 
     frames: Tuple[JobFrame, ...]
     cameras: Tuple[CameraSetting, ...]
@@ -125,6 +128,7 @@ class Job:
     apart: Tuple[Tuple[int, ...], ...] = ()
     start: Optional[str] = None
     start_frames: Tuple[int, ...] = ()
+    only_pairs: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +9,7 @@ import pytest
 from sensorgate.stages import ladder
 from sensorgate.stages.align.blocks import blocks
 from sensorgate.stages.align.model import AlignmentReport, Bowing, GpsFit, LockDecision, PayloadAlignment
+from sensorgate.stages.align.ties import Ties
 from sensorgate.stages.align.worker import SolverFailed
 from sensorgate.stages.errors import UsageError
 from sensorgate.stages.record import from_plain, to_plain
@@ -20,12 +21,24 @@ from tests.stages.align.scenes import frames, grid, request
 GOOD = {"inliers": 120, "mean_reproj_error": 0.8, "components": 1}
 
 
+@dataclass(frozen=True)
+class Found:
+    """What the ladder reads of an alignment."""
+
+    report: AlignmentReport
+    request: object
+    solution: object
+    plan: object
+    job: object = None
+
+
 class Solver:
     """Stands in for the alignment: a verdict per payload from a rule on who is there and on which rung."""
 
     def __init__(self, rule, linked=5):
         self.rule = rule
         self.linked = linked
+        self.strong = lambda name, names: 5
         self.calls = []
         self.decide = lambda names: ()
         self.place = lambda path: 0
@@ -47,7 +60,7 @@ class Solver:
                 GpsFit(18),
                 verdict=verdicts.get(n, "pass"),
                 reasons=(f"{n} said",),
-                strong_cross_pairs=5,
+                strong_cross_pairs=self.strong(n, names),
                 cross_pairs=self.linked,
             )
             for n in names
@@ -57,9 +70,11 @@ class Solver:
             asked.name, "pycolmap", rung, (), 18, 1, 0.5, names[0], GpsFit(18), 60.0, Bowing(), payloads, (), (), (),
             0, 100, verdict=worst, decisions=self.decide(names),
         )  # fmt: skip
-        found = SimpleNamespace(models=1, model=np.asarray([self.place(f.path) for f in asked.frames]))
+        found = SimpleNamespace(
+            models=1, stored=f"{rung} {names}", model=np.asarray([self.place(f.path) for f in asked.frames])
+        )
         plan = SimpleNamespace(areas=[0] * len(asked.frames))
-        return SimpleNamespace(report=report, request=asked, solution=found, job=None, plan=plan)
+        return Found(report, asked, found, plan)
 
 
 @pytest.fixture
@@ -81,7 +96,7 @@ def _passed(aligned, payload, limits):
     """What control joins, passes."""
     payloads = tuple(replace(p, verdict="pass") for p in aligned.report.payloads)
     report = replace(aligned.report, payloads=payloads, verdict="pass")
-    return SimpleNamespace(**{**vars(aligned), "report": report})
+    return replace(aligned, report=report)
 
 
 def _routes(proof: Proof):
@@ -112,6 +127,33 @@ def test_without_one_verified_pair_no_pairwise_run_is_wasted(solver, tmp_path):
     proof = prove(_block(), tmp_path)
     assert _routes(proof) == {("a", "c"): "proceed", ("b",): "isolate"}
     assert "pairwise" not in [c[0] for c in made.calls]
+
+
+@pytest.mark.parametrize(("strong", "rungs"), [(2, ["quick", "quick", "alone"]), (3, ["quick", "mixed"])])
+def test_what_has_no_ties_costs_no_further_rung(solver, tmp_path, monkeypatch, strong, rungs):
+    asked_for = []
+
+    def ties(asked, payloads, *_, rung, **__):
+        asked_for.append((tuple(payloads), rung))
+        return {p: Ties(90, strong, strong) for p in payloads}
+
+    monkeypatch.setattr(ladder, "ties_of", ties)
+    made = solver(lambda rung, names: {"b": "fail"} if len(names) > 1 else {})
+    made.strong = lambda name, names: 0 if "b" in names and (name == "b" or len(names) == 1) else 5
+    proof = prove(_block(), tmp_path)
+    assert _routes(proof) == {("a", "c"): "proceed", ("b",): "isolate"}
+    assert [c[0] for c in made.calls][: len(rungs)] == rungs
+    assert asked_for == [(("b",), "mixed")]
+    isolated = next(g for g in proof.groups if g.route == "isolate")
+    assert (strong < 3) == any(f"{strong} of 90 pairs" in r for r in isolated.reasons)
+
+
+def test_no_rung_is_climbed_twice_with_the_same_numbers(solver, tmp_path):
+    made = solver(lambda rung, names: dict.fromkeys(names, "fail"))
+    prove(_block("ab"), tmp_path)
+    same = {"quick": "quick", "alone": "quick", "mixed": "mixed", "pairwise": "mixed"}
+    seen = [(same[rung], names, start, extra) for rung, names, start, extra in made.calls]
+    assert len(seen) == len(set(seen))
 
 
 def test_mixed_settings_may_be_enough(solver, tmp_path):
