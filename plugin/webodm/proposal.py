@@ -103,7 +103,7 @@ def _members(survey: Survey, choices: Choices) -> Tuple[Dict[str, List[str]], Di
     """Key -> frames, key -> name, and path -> code of what the rules leave out."""
     groups = groups_of(survey)
     placed = [item for group in groups for item in without_alignment(group, survey)]
-    names = {group.name: name for group, name in zip(groups, project_names(placed))}
+    names = {group.name: name for group, name in zip(groups, project_names(placed, survey))}
     members = {group.name: list(group.frames) for group in groups}
     out = {f.path: f.excluded for f in survey.frames if f.excluded is not None}
     out.update(left_out(survey))
