@@ -1,5 +1,5 @@
 # Two commands do it all: `make demo` runs the main job, `make test` passes the tests. Both set up what they need.
-.PHONY: help setup demo test test-all lint clean
+.PHONY: help setup demo test test-all lint webodm clean
 PY = .venv/bin/python
 DEMO = demo
 
@@ -7,6 +7,7 @@ help:
 	@echo "make demo      render a mixed survey and run the main job on it"
 	@echo "make test      lint, types and tests (also under Python 3.9 where there is one)"
 	@echo "make test-all  the same with the long stories"
+	@echo "make webodm    write dist/sensorgate.zip, the plugin for WebODM"
 	@echo "make setup     only the set-up (.venv)"
 
 setup:
@@ -25,6 +26,10 @@ lint:
 	@$(PY) -m ruff format --check .
 	@mkdir -p build/typing && ln -sfn ../.. build/typing/sensorgate
 	@MYPYPATH=build/typing $(PY) -m mypy --explicit-package-bases -p sensorgate.stages
+
+webodm: setup
+	@mkdir -p dist
+	@.venv/bin/sensorgate webodm --out dist/sensorgate.zip
 
 test: setup lint
 	@$(PY) -m pytest -m "not slow"

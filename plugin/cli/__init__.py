@@ -10,10 +10,10 @@ from typing import Any, List, Optional
 
 from ...stages.errors import Cancelled, SensorgateError
 from ..version import VERSION
-from . import fuse, gate, node, outcome, run, submit
+from . import fuse, gate, node, outcome, run, submit, webodm
 from .common import LOG, start_logging
 
-VERBS = (gate, run, submit, outcome, fuse, node)
+VERBS = (gate, run, submit, outcome, fuse, node, webodm)
 
 
 def build_parser() -> argparse.ArgumentParser:

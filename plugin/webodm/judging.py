@@ -1,0 +1,121 @@
+"""The router's verdict on a task that failed or came out poor, and the tasks that follow from it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
+
+from ...stages.errors import SensorgateError
+from ...stages.harmonize.model import untouched
+from ...stages.route import ISOLATE, PAIRWISE, PROCEED
+from ..inspection import Inspection
+from ..odm.names import mask_name
+from ..odm.options import as_node_options, options_for
+from ..odm.outcome import read_outcome
+from ..submit.judge import STOP, Judgement, judge_console
+from ..submit.parcel import Item, Parcel
+from ..submit.reroute import Part, plan
+from . import records, tasks
+from .proposal import Proposal, Proposed, control_for
+
+FAILED, COMPLETED = 30, 40
+_CONSOLE_LINES = 20_000
+_WORDS = {
+    PROCEED: "It came out as it should.",
+    PAIRWISE: "The frames did not hold together as one block.",
+    ISOLATE: "Its payloads belong into tasks of their own.",
+    STOP: "No other way of sorting the frames would help.",
+    "unproven": "Nothing shows that the result is right.",
+}
+
+
+def judge_task(task: Any) -> Judgement:
+    """What the router would do with a task, from its products or, where there are none, from its console."""
+    if task.status == COMPLETED:
+        try:
+            told = read_outcome(Path(task.assets_path()))
+        except (SensorgateError, OSError, ValueError, KeyError, TypeError) as error:
+            return Judgement("unproven", (f"Its products cannot be judged: {error}",))
+        if getattr(told, "state", "") == "failed":
+            return Judgement(STOP, tuple(told.reasons))
+        return Judgement(str(told.route), tuple(str(r) for r in told.reasons))
+    text = str(task.console.output() or "")
+    return judge_console(text.rstrip().split("\n")[-_CONSOLE_LINES:], str(task.last_error or ""))
+
+
+def parts_of(task: Any, judgement: Judgement, inspection: Inspection, proposal: Proposal) -> Tuple[Proposed, ...]:
+    """The tasks to create. Where the gate already saw that the frames do not belong in one, its tasks are these."""
+    if judgement.route not in (PAIRWISE, ISOLATE):
+        return ()
+    if len(proposal.tasks) > 1:
+        return proposal.tasks
+    parcel = _parcel(task, proposal)
+    if parcel is None:
+        return ()
+    payload_of = {f.path: (f.payload, "") for f in inspection.survey.frames}
+    parts = plan(parcel, judgement.route, judgement.reasons, payload_of)
+    return tuple(_proposed(part, inspection) for part in parts)
+
+
+def _parcel(task: Any, proposal: Proposal) -> Optional[Parcel]:
+    """The task's frames in the terms of the router. What the gate leaves out is not tried again."""
+    if not proposal.tasks:
+        return None
+    only = proposal.tasks[0]
+    own = task.options if isinstance(task.options, list) else []
+    return Parcel(
+        name=only.name,
+        folder=str(task.task_path()),
+        items=tuple(Item(p, str(Path(task.task_path()) / p), 0) for p in only.frames),
+        options=tuple(o for o in own if isinstance(o, dict) and "name" in o and "value" in o),
+        calibration=None,
+        route=PROCEED,
+        reasons=(),
+        payloads=only.payloads,
+        digest="",
+    )
+
+
+def _proposed(part: Part, inspection: Inspection) -> Proposed:
+    survey = inspection.survey
+    by_path = {f.path: f for f in survey.files}
+    copies = {p: replace(c, name=p) for p, c in untouched(by_path[p] for p in part.frames).items()}
+    texts, needs, said = control_for(inspection, part.name, part.frames, copies)
+    options = options_for(needs)
+    names = {p: p for p in part.frames}
+    for path in part.frames:
+        if path in inspection.masks:
+            names[inspection.masks[path]] = mask_name(path, inspection.masks[path])
+    spectra = {f.spectrum for f in survey.frames if f.path in set(part.frames)}
+    return Proposed(
+        key=part.name,
+        name=part.name,
+        spectrum=next(iter(spectra)) if len(spectra) == 1 else "",
+        payloads=part.payloads,
+        frames=part.frames,
+        names=names,
+        options=(*as_node_options(options), *({"name": n, "value": v} for n, v, _ in part.options)),
+        reasons={**{o.name: o.reason for o in options}, **{n: w for n, _, w in part.options}},
+        texts=texts,
+        findings=said,
+    )
+
+
+def told(task: Any, judgement: Judgement, parts: Sequence[Proposed]) -> Dict[str, Any]:
+    """The judgement as the API says it."""
+    anchor = tasks.anchor_for(task) if parts else None
+    return {
+        "route": judgement.route,
+        "message": _WORDS.get(judgement.route, ""),
+        "reasons": list(judgement.reasons),
+        "tasks": [{"name": p.name, "frames": len(p.frames), "options": [dict(o) for o in p.options]} for p in parts],
+        "anchor": {"id": str(anchor.id), "name": anchor.name or ""} if anchor is not None else None,
+    }
+
+
+def remember(task: Any, judgement: Judgement, parts: Sequence[Proposed]) -> Dict[str, Any]:
+    """Keep the judgement in the task's record."""
+    record: Mapping[str, Any] = records.load(task.pk) or {}
+    said = told(task, judgement, parts)
+    return records.change(task.pk, state=record.get("state", records.NONE), judgement=said)

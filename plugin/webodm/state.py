@@ -1,0 +1,77 @@
+"""What is to be said of a task to this user: its state, and what may be done now."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List, Optional
+
+from . import hold, home, preferences, preparing, records, tasks
+
+CHECK, OVERRIDE, SPLIT, JUDGE, PREPARE = "check", "override", "split", "judge", "prepare"
+ACTIONS = (CHECK, OVERRIDE, SPLIT, JUDGE, PREPARE)
+_FAILED, _COMPLETED, _CANCELED = 30, 40, 50
+NODE, WORKER, GATE = "node", "worker", "gate"
+
+
+def state_of(task: Any, user: Any) -> Dict[str, Any]:
+    """The answer of the API: see ``api.py``. A worker that died is replaced on the way."""
+    record = records.load(task.pk) or {"state": records.NONE}
+    if records.is_stale(record) and record["state"] in (records.WAITING, records.CHECKING):
+        hold.look_at(task.pk)
+    may_change = bool(user.has_perm("change_project", task.project))
+    engine, said = engine_for(task)
+    shown = records.WAITING if record["state"] == records.UPLOADING else record["state"]
+    return {
+        "state": shown,
+        "message": record.get("message") or "",
+        "progress": record.get("progress"),
+        "verdict": record.get("verdict"),
+        "report": home.page(f"tasks/{task.pk}/report") if has_report(task) else None,
+        "actions": actions_for(task, record, user) if may_change else [],
+        "tasks": list(record.get("tasks", [])) if may_change else [],
+        "judgement": record.get("judgement") if may_change else None,
+        "engine": engine,
+        "engine_message": said,
+    }
+
+
+def has_report(task: Any) -> bool:
+    """Whether the task has a report page."""
+    return (home.task_folder(task) / "report.json").is_file()
+
+
+def actions_for(task: Any, record: Dict[str, Any], user: Any) -> List[str]:
+    """What a user who may change the project may do with the task now."""
+    state = record["state"]
+    if task.partial or (state in records.BUSY and not records.is_stale(record)):
+        return [OVERRIDE] if record.get("holds") and home.may_override(user) else []
+    if not task.images_count or task.compacted:
+        return []
+    found = [CHECK]
+    if record.get("holds") and home.may_override(user):
+        found.append(OVERRIDE)
+    if task.status in (_FAILED, _COMPLETED):
+        found.append(JUDGE)
+    judged = (record.get("judgement") or {}).get("tasks")
+    useful = bool(judged) or record.get("parts", 0) > 1
+    if task.status in (None, _FAILED, _COMPLETED, _CANCELED) and not record.get("tasks"):
+        if useful:
+            found.append(SPLIT)
+        if (useful or record.get("verdict") == "inconsistent") and preparing.available():
+            found.append(PREPARE)
+    return found
+
+
+def engine_for(task: Any) -> "tuple[str, str]":
+    """Where harmonizing and alignment would run for this task, said plainly."""
+    record = records.load(task.pk) or {}
+    wish = record.get("wish") or {"auto": task.auto_processing_node, "node": task.processing_node_id}
+    node: Optional[Any] = tasks.policy_node(task, wish)
+    if node is not None:
+        return NODE, f"The processing node {node} harmonizes and aligns the images itself."
+    lacking = preferences.missing()
+    if not lacking:
+        return WORKER, "No node of yours has sensorgate; this server can harmonize and align the images."
+    return GATE, (
+        f"No node of yours has sensorgate, and this server lacks {' and '.join(lacking)}: images are checked and "
+        "sorted, but not harmonized or aligned."
+    )

@@ -1,0 +1,177 @@
+"""What happens to WebODM's tasks: let go, kept back with a reason, taken apart."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from ...stages.record import write_text
+from ..odm.wire import POLICY_OPTION
+from . import records
+from .proposal import Proposed
+
+_CANCELED = 50
+_COMPLETED = 40
+LAZ = "georeferenced_model.laz"
+
+
+def merged(own: Any, ours: Sequence[Mapping[str, Any]]) -> List[Dict[str, Any]]:
+    """The user's options with ours laid under them; what is falsy is left out, for WebODM refuses it."""
+    mine = [dict(o) for o in own if isinstance(o, dict)] if isinstance(own, list) else []
+    names = {o.get("name") for o in mine}
+    return [o for o in [*mine, *(dict(o) for o in ours if o["name"] not in names)] if o.get("value")]
+
+
+def policy_node(task: Any, wish: Mapping[str, Any]) -> Optional[Any]:
+    """The node with our adapter that this task may go to: the one it asked for, else the least busy of its owner's."""
+    from guardian.shortcuts import get_objects_for_user
+    from nodeodm.models import ProcessingNode
+
+    if wish.get("node") is not None:
+        node = ProcessingNode.objects.filter(pk=wish["node"]).first()
+        return node if node is not None and has_adapter(node) else None
+    nodes = get_objects_for_user(
+        task.project.owner, "view_processingnode", ProcessingNode, accept_global_perms=False
+    ).order_by("queue_count")
+    return next((n for n in nodes if n.is_online() and has_adapter(n)), None)
+
+
+def has_adapter(node: Any) -> bool:
+    """Whether the node's option list names our policy."""
+    listed = node.available_options
+    return isinstance(listed, list) and any(isinstance(o, dict) and o.get("name") == POLICY_OPTION for o in listed)
+
+
+def release(task: Any, state: str, message: str, options: Sequence[Mapping[str, Any]] = (), **more: Any) -> None:
+    """Give the task what it wanted, with our options under its own, and have it processed."""
+    from nodeodm.models import ProcessingNode
+    from worker.tasks import process_task
+
+    record = records.load(task.pk) or {}
+    wish = record.get("wish") or {"auto": task.auto_processing_node, "node": task.processing_node_id}
+    ours = list(options)
+    node = policy_node(task, wish) if state == records.RELEASED and (wish["auto"] or wish["node"]) else None
+    if node is not None:
+        ours.append({"name": POLICY_OPTION, "value": "auto"})
+    records.change(task.pk, state=state, message=message, holds=False, progress=None, **more)
+    if wish["node"] is not None:
+        task.processing_node = ProcessingNode.objects.filter(pk=wish["node"]).first()
+    elif node is not None:
+        task.processing_node = node
+    task.auto_processing_node = bool(wish["auto"]) or (wish["node"] is not None and task.processing_node is None)
+    task.options = merged(task.options, ours)
+    task.last_error = None
+    task.status = None
+    task.pending_action = task.pending_action if task.pending_action == _resize() else None
+    task.save()
+    process_task.delay(task.id)
+
+
+def _resize() -> int:
+    from app import pending_actions
+
+    return int(pending_actions.RESIZE)
+
+
+def keep_back(task: Any, state: str, message: str, **more: Any) -> None:
+    """Say why a task waits where its owner looks: in its row on the dashboard."""
+    records.change(task.pk, state=state, message=message, progress=None, **more)
+    type(task).objects.filter(pk=task.pk).update(last_error=message)
+
+
+def split(task: Any, parts: Sequence[Tuple[Path, Proposed]], anchor: Any = None) -> List[Dict[str, Any]]:
+    """One task per part beside the old one, with its files linked out of its folder; the old one stays as it is.
+
+    The parts' options are laid under the user's own. Where one part cannot be
+    created, none is.
+    """
+    from app.models import Task
+    from worker.tasks import process_task
+
+    record = records.load(task.pk) or {}
+    wish = record.get("wish") or {"auto": task.auto_processing_node, "node": task.processing_node_id}
+    created: List[Any] = []
+    try:
+        for folder, part in parts:
+            created.append(_create(Task, task, folder, part, wish, anchor))
+    except BaseException:
+        for new in created:
+            new.delete()
+        raise
+    told = [{"id": str(t.id), "project": t.project_id, "name": t.name} for t in created]
+    records.change(
+        task.pk,
+        state=records.SPLIT,
+        holds=False,
+        progress=None,
+        message=f"Taken apart into {len(told)} tasks: {', '.join(str(t['name']) for t in told)}. "
+        "This one is not processed; its images stay until you delete it.",
+        tasks=told,
+    )
+    if task.status is None:
+        task.status = _CANCELED
+        task.last_error = (records.load(task.pk) or {}).get("message")
+        task.save()
+    for new in created:
+        process_task.delay(new.id)
+    return told
+
+
+def _create(model: Any, task: Any, folder: Path, part: Proposed, wish: Mapping[str, Any], anchor: Any) -> Any:
+    own = [o for o in (task.options or []) if isinstance(o, dict) and o.get("name") != "rerun-from"]
+    title = task.name or "Task"
+    new = model(
+        project=task.project,
+        name=f"{title} / {part.name}"[:255],
+        options=merged(own, part.options),
+        partial=True,  # WebODM leaves a task alone whose files are not all there
+        auto_processing_node=False,
+        resize_to=task.resize_to,
+        tags=" ".join(dict.fromkeys([*(task.tags or "").split(), *part.tags])),
+    )
+    records.keep(new.pk, {"state": records.RELEASED, "message": "", "from": str(task.pk)})
+    try:
+        new.save()
+        new.create_task_directories()
+        for path, name in sorted(part.names.items()):
+            link(folder / path, Path(new.task_path(name)))
+        for name, text in sorted(part.texts.items()):
+            write_text(new.task_path(name), text)
+        if anchor is not None:
+            new.set_alignment_file_from(anchor)
+        new.images_count = len(new.scan_images())
+        new.update_size()
+        node = policy_node(new, wish)
+        if node is not None:
+            new.options = merged(new.options, [{"name": POLICY_OPTION, "value": "auto"}])
+        new.processing_node_id = wish["node"] if wish["node"] is not None else node.pk if node is not None else None
+        new.auto_processing_node = bool(wish["auto"])
+        if task.resize_to is not None and task.resize_to > 0:
+            new.pending_action = _resize() if task.pending_action == _resize() else None
+        new.partial = False
+        new.save()
+    except BaseException:
+        if new._state.adding is False:
+            new.delete()
+        records.forget(new.pk)
+        raise
+    return new
+
+
+def link(source: Path, target: Path) -> None:
+    """The same file under another name; a copy where the disk cannot link."""
+    if source.is_symlink() or not source.is_file():
+        raise OSError(f"{source.name} is not there any more.")
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)
+
+
+def anchor_for(task: Any) -> Optional[Any]:
+    """The finished task of the project that others can be laid on: the one with most images."""
+    done = type(task).objects.filter(project=task.project, status=_COMPLETED).exclude(pk=task.pk)
+    fit = [t for t in done if LAZ in (t.available_assets or [])]
+    return max(fit, key=lambda t: (t.images_count, str(t.id))) if fit else None
