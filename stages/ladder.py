@@ -1,9 +1,10 @@
 """The rungs: quick, mixed-block settings, pairwise with ground control, each payload alone.
 
-quick → mixed-block settings with pairs found by likeness → each refused
-payload pairwise onto the proven ones, tied by ground control where there is
-any → its own group. Every payload ends in exactly one group; what nothing can
-prove is a group of its own, never dropped.
+quick (what passes close to a limit once more, with COLMAP's own settings) →
+mixed-block settings with pairs found by likeness → each refused payload
+pairwise onto the proven ones, tied by ground control where there is any → its
+own group. Every payload ends in exactly one group; what nothing can prove is a
+group of its own, never dropped.
 """
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ class Ladder:
             return found
 
     def _climb(self, request: AlignRequest, route: str) -> List[ProvenGroup]:
-        quick = self.run(request, "quick" if route != ISOLATE else "alone")
+        quick = self._quick(request, "quick" if route != ISOLATE else "alone")
         verdicts = _verdicts(quick.report)
         if not verdicts[FAIL]:
             return self._accept(quick, route)
@@ -120,6 +121,13 @@ class Ladder:
         if kept is None:
             return self._each_alone(request, best, route)
         return self._rejoin(request, kept, guilty, mixed, route)
+
+    def _quick(self, request: AlignRequest, rung: str) -> Aligned:
+        """The cheap alignment; what it passes close to a limit is decided by the reference settings."""
+        done = self.run(request, rung)
+        if _verdicts(done.report)[FAIL] or not any(p.close for p in done.report.payloads):
+            return done
+        return self.run(request, "reference")
 
     def _loose(self, request: AlignRequest, quick: Aligned) -> Dict[str, str]:
         """Payload -> why no further rung can tie it, where that holds for all that failed.
@@ -225,7 +233,8 @@ class Ladder:
             left -= set(leave)
             if not left:
                 return None, guilty
-            current = self.run(subset(done.request, left), "quick" if done.report.rung == "quick" else "mixed")
+            cheap = done.report.rung in ("quick", "reference")
+            current = self.run(subset(done.request, left), "quick" if cheap else "mixed")
         verdicts = _verdicts(current.report)
         return (current, guilty) if not verdicts[FAIL] and verdicts[PASS] else (None, guilty)
 

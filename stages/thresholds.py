@@ -327,6 +327,9 @@ class Thresholds:
         "cap of the quick rung, largest scales first. Measured beside 4096 on 30 well-textured frames: 175 of 178 pairs "
         "verified with both, both place all, matching 0.13 s per pair instead of 0.21",
     )
+    reference_max_features: int = _number(
+        8192, "features", "COLMAP's own cap, for what came out close to a limit with the quick rung's features"
+    )
     mixed_peak_threshold: float = _number(0.003, "contrast", "mixed block: admits weaker extrema than COLMAP's 0.0067")
     mixed_max_features: int = _number(12000, "features", "mixed block")
     mixed_max_ratio: float = _number(0.85, "ratio", "mixed block: Lowe's ratio")

@@ -95,10 +95,15 @@ def _verify_all(
         )
 
     verified: Dict[Pair, Any] = {}
+    last = {index: place for place, pair in enumerate(pairs, start=1) for index in pair}
     with ThreadPoolExecutor(max_workers=max(1, job.settings.threads)) as pool:
         for done, (pair, geometry) in enumerate(zip(pairs, pool.map(work, pairs)), start=1):
             if geometry is not None and len(geometry.inlier_matches) >= VERIFIED:
                 verified[pair] = geometry
+            for index in pair:
+                # As floats, the descriptors of hundreds of frames would not fit beside each other.
+                if last[index] == done:
+                    units.pop(index, None)
             step("pairs", done, len(pairs))
     return verified
 

@@ -20,6 +20,10 @@ from ..record import dumps, write_bytes
 from .images import Grey, read_grey, stretch_ranges, to_eight_bits, undecoded_note
 from .solution import Array, EngineSettings, Job
 
+# What SIFT holds per million pixels of its first octave, measured, and what all threads together may hold.
+_SIFT_MB = 75.0
+_EXTRACTION_MB = 1200.0
+
 
 class Features(NamedTuple):
     """Key points (N, 2) in pixels of the working size, and their descriptors (N, 128) uint8."""
@@ -63,10 +67,20 @@ def load_or_extract(
         found[index] = extract(grey, job.settings)
         _save(cache / f"{keys[index]}.npz", found[index])
 
-    with ThreadPoolExecutor(max_workers=max(1, job.settings.threads)) as pool:
+    with ThreadPoolExecutor(max_workers=workers([sizes[i] for i in missing], job.settings)) as pool:
         for done, _ in enumerate(pool.map(work, missing), start=1):
             step("features", done, len(missing))
     return [found[i] for i in range(len(job.frames))], tuple(notes[i] for i in sorted(notes))
+
+
+def workers(sizes: Sequence[Tuple[int, int]], settings: EngineSettings) -> int:
+    """How many frames of ``sizes`` (width, height in px) may be extracted at once: threads, as far as memory goes."""
+
+    def first_octave(size: Tuple[int, int]) -> int:
+        return size[0] * size[1] * (4 if max(size) < settings.upsample_below_px else 1)
+
+    each = max((first_octave(s) for s in sizes), default=1) / 1e6 * _SIFT_MB
+    return max(1, min(settings.threads, int(_EXTRACTION_MB / max(each, 1.0))))
 
 
 def extract(grey: Grey, settings: EngineSettings) -> Features:

@@ -20,6 +20,7 @@ FAIL = "fail"
 UNPROVEN = "unproven"
 
 _CLOSE = 0.1
+_CLOSE_WORD = " (close)"
 _NO_POSITION = "{} frames have a position: nothing independent proves the model"
 _ON_A_LINE = "its positions lie on one line: GPS cannot contradict the model"
 
@@ -42,8 +43,8 @@ def _judge_one(p: PayloadFigures, measured: Measured, several: bool, limits: Thr
     _registration(p, limits, bad, said)
     if several and p.payload != measured.anchor:
         _ties(p, limits, bad, said)
-    elif p.own_inliers is None or p.own_inliers < limits.min_inliers:
-        bad.append(f"its pairs hold {_say(p.own_inliers)} verified matches, {limits.min_inliers} are needed")
+    else:
+        _own_pairs(p, limits, bad, said)
     _reprojection(p, limits, bad, said)
     _gps(p, measured.anchor, limits, bad, open_, said)
     for flight, up in p.flight_offsets_m:
@@ -79,6 +80,7 @@ def _judge_one(p: PayloadFigures, measured: Measured, several: bool, limits: Thr
         flight_offsets_m=p.flight_offsets_m,
         gps_offset_m=p.offset_m if any("GPS offset" in r for r in said) else None,
         control=p.control,
+        close=verdict == PASS and any(r.endswith(_CLOSE_WORD) for r in said),
     )
 
 
@@ -97,6 +99,14 @@ def _registration(p: PayloadFigures, limits: Thresholds, bad: List[str], said: L
         said.append(text + _near(share, limits.min_registered_share, above=True))
 
 
+def _own_pairs(p: PayloadFigures, limits: Thresholds, bad: List[str], said: List[str]) -> None:
+    text = f"its pairs hold {_say(p.own_inliers)} verified matches, {limits.min_inliers} are needed"
+    if p.own_inliers is None or p.own_inliers < limits.min_inliers:
+        bad.append(text)
+    elif _near(p.own_inliers, limits.min_inliers, above=True):
+        said.append(text + _CLOSE_WORD)
+
+
 def _ties(p: PayloadFigures, limits: Thresholds, bad: List[str], said: List[str]) -> None:
     text = f"{p.strong_cross} pairs with other payloads hold {limits.min_inliers} verified matches or more"
     if p.strong_cross < limits.min_strong_pairs:
@@ -104,7 +114,7 @@ def _ties(p: PayloadFigures, limits: Thresholds, bad: List[str], said: List[str]
     elif not p.shares_model:
         bad.append("no such pair lies inside one model with another payload")
     else:
-        close = " (close)" if p.strong_cross == limits.min_strong_pairs else ""
+        close = _CLOSE_WORD if p.strong_cross == limits.min_strong_pairs else ""
         said.append(text + close)
 
 
@@ -158,7 +168,7 @@ def _gps(
                 f"alone {_words(p.alone)}: wrongly attached"
             )
     else:
-        close = " (close)" if max(alone, together) > 1.0 - _CLOSE else ""
+        close = _CLOSE_WORD if max(alone, together) > 1.0 - _CLOSE else ""
         said.append(f"GPS fit {_words(p.together)}, limit {_limit(p.together, limits)}{close}")
 
 
@@ -217,7 +227,7 @@ def _gap(p: PayloadFigures, bad: List[str], said: List[str]) -> None:
 def _near(value: float, limit: float, above: bool = False) -> str:
     ratio = value / limit if limit else 0.0
     close = 1.0 <= ratio < 1.0 + _CLOSE if above else 1.0 - _CLOSE < ratio <= 1.0
-    return " (close)" if close else ""
+    return _CLOSE_WORD if close else ""
 
 
 def _side(value: float, positive: str, negative: str) -> str:

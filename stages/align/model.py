@@ -235,6 +235,7 @@ class PayloadAlignment:
     north and up of where the anchor puts its cameras (measured minus solved).
     ``flight_offsets_m`` names flights whose altitudes lie that far above the
     payload's other ones; it was judged without.
+    ``close`` says that a figure of a payload that passed stands near its limit.
     """
 
     payload: str
@@ -256,6 +257,7 @@ class PayloadAlignment:
     gps_offset_m: Optional[Tuple[float, float, float]] = None
     control: Optional[ControlFit] = None
     flight_offsets_m: Tuple[Tuple[str, float], ...] = ()
+    close: bool = False
 
 
 @dataclass(frozen=True)
@@ -271,7 +273,7 @@ class AlignedFrame:
 
 @dataclass(frozen=True)
 class AlignmentReport:
-    """What one alignment showed. ``rung`` is ``quick``, ``mixed``, ``pairwise`` or ``alone``.
+    """What one alignment showed. ``rung`` is ``quick``, ``alone``, ``reference``, ``mixed`` or ``pairwise``.
 
     ``areas`` counts the pieces of ground that by GPS cannot overlap: that many
     components are no failure. ``verdict`` sums up the payloads': ``pass``,

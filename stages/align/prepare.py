@@ -13,7 +13,7 @@ from .model import AlignCamera, AlignFrame, AlignRequest
 from .pairs import PairPlan
 from .solution import CameraSetting, EngineSettings, Job, JobFrame, Retrieval
 
-RUNGS = ("quick", "mixed", "pairwise", "alone")
+RUNGS = ("quick", "alone", "reference", "mixed", "pairwise")
 _VERIFY_PX_AT = (4.0, 1600.0)
 
 
@@ -76,17 +76,22 @@ def starting_camera(camera: AlignCamera, max_dim: int, limits: Thresholds) -> Ca
 
 
 def engine_settings(rung: str, max_dim: int, threads: int, limits: Thresholds) -> EngineSettings:
-    """The solver's numbers for a rung: the pairwise rung works with those of the mixed block."""
+    """The solver's numbers for a rung: the pairwise rung works with those of the mixed block.
+
+    The reference rung is COLMAP as it comes: SIFT from a doubled image, its own
+    cap, threshold and ratio. ``min_inliers`` was measured with it.
+    """
     if rung not in RUNGS:
         raise UsageError(f"There is no rung {rung!r}; known: {', '.join(RUNGS)}.")
-    mixed = rung in ("mixed", "pairwise")
+    mixed, reference = rung in ("mixed", "pairwise"), rung == "reference"
+    quick_features = limits.reference_max_features if reference else limits.align_max_features
     error, at = _VERIFY_PX_AT
     return EngineSettings(
-        max_features=limits.mixed_max_features if mixed else limits.align_max_features,
+        max_features=limits.mixed_max_features if mixed else quick_features,
         peak_threshold=limits.mixed_peak_threshold if mixed else limits.quick_peak_threshold,
         max_ratio=limits.mixed_max_ratio if mixed else limits.quick_max_ratio,
         filter_max_reproj_error_px=limits.filter_max_reproj_error_px,
-        upsample_below_px=limits.align_upsample_below_px,
+        upsample_below_px=max_dim + 1 if reference else limits.align_upsample_below_px,
         verify_error_px=round(error * max_dim / at, 3),
         threads=threads,
     )
@@ -94,7 +99,7 @@ def engine_settings(rung: str, max_dim: int, threads: int, limits: Thresholds) -
 
 def rung_max_dim(rung: str, limits: Thresholds) -> int:
     """Longer side in px that a rung works at unless the caller sets it."""
-    return limits.mixed_max_dim_px if rung in ("mixed", "pairwise") else limits.align_max_dim_px
+    return limits.align_max_dim_px if rung in ("quick", "alone") else limits.mixed_max_dim_px
 
 
 def build_job(

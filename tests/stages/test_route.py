@@ -42,6 +42,7 @@ class Solver:
         self.calls = []
         self.decide = lambda names: ()
         self.place = lambda path: 0
+        self.close = ()
 
     def __call__(self, asked, workspace, *, rung, extra=(), start=None, **_):
         names = sorted({f.payload for f in asked.frames})
@@ -62,6 +63,7 @@ class Solver:
                 reasons=(f"{n} said",),
                 strong_cross_pairs=self.strong(n, names),
                 cross_pairs=self.linked,
+                close=rung in self.close,
             )
             for n in names
         )
@@ -108,6 +110,18 @@ def test_all_good_is_one_project_and_one_attempt(solver, tmp_path):
     proof = prove(_block(), tmp_path)
     assert _routes(proof) == {("a", "b", "c"): "proceed"}
     assert [c[0] for c in made.calls] == ["quick"]
+
+
+def test_what_passes_close_to_a_limit_is_decided_by_the_reference(solver, tmp_path):
+    made = solver(lambda rung, names: {})
+    made.close = ("quick",)
+    proof = prove(_block("ab"), tmp_path)
+    assert [c[0] for c in made.calls] == ["quick", "reference"]
+    assert proof.groups[0].alignment.rung == "reference"
+    made.calls.clear()
+    made.rule = lambda rung, names: {"b": "fail"} if rung == "reference" or "a" not in names else {}
+    prove(_block("ab"), tmp_path)
+    assert [c[0] for c in made.calls][:3] == ["quick", "reference", "mixed"]
 
 
 def test_the_bad_leaves_and_the_good_proceed(solver, tmp_path):

@@ -70,6 +70,16 @@ def test_the_same_registered_frames_in_two_models_are_refused():
     assert found["b"].verdict == FAIL and found["b"].in_main_component == 0
 
 
+@pytest.mark.parametrize(("ties", "own", "close"), [(3, 120, True), (4, 120, False), (10, 31, True), (10, 34, False)])
+def test_near_a_limit_is_close(ties, own, close):
+    asked, places, _ = _two()
+    pairs = neighbours(18, own) + neighbours(12, own, start=18) + [(i, 18 + i, 80) for i in range(ties)]
+    found = _verdicts(asked, solution(asked, places, pairs=pairs))
+    assert {p.verdict for p in found.values()} == {PASS}
+    assert any(p.close for p in found.values()) == close
+    assert close == any("(close)" in r for p in found.values() for r in p.reasons)
+
+
 @pytest.mark.parametrize(("inliers", "expected"), [(29, FAIL), (30, PASS), (200, PASS)])
 def test_thirty_inliers_across(inliers, expected):
     asked, places, pairs = _two(cross=inliers)
