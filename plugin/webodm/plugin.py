@@ -8,7 +8,7 @@ from typing import Any, List
 
 from app.plugins import Menu, MountPoint, PluginBase
 
-from . import api, home, pages
+from . import api, hold, home, pages
 
 LOG = logging.getLogger("app.logger")
 _PUBLIC = ("public", "templates")
@@ -31,11 +31,8 @@ class Plugin(PluginBase):  # type: ignore[misc]
         return f"{home.PACKAGE.split('.')[0]}/{self.name}/plugin/webodm/templates/{path}"
 
     def register(self) -> None:
-        """Called at the start of every process, and when the plugin is switched on."""
+        """Called once at WebODM's start, in one of its processes, and when the plugin is switched on."""
         super().register()
-        from . import hold
-
-        hold.connect()
         try:
             home.ensure_permission()
         except Exception as error:
@@ -61,3 +58,7 @@ class Plugin(PluginBase):  # type: ignore[misc]
     def api_mount_points(self) -> List[Any]:
         """The API."""
         return [MountPoint(pattern, view.as_view()) for pattern, view in api.ROUTES]
+
+
+# Only one of the web processes registers plugins, but each one loads them before its first request.
+hold.connect()

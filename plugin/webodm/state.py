@@ -18,11 +18,12 @@ def state_of(task: Any, user: Any) -> Dict[str, Any]:
     if records.is_stale(record) and record["state"] in (records.WAITING, records.CHECKING):
         hold.look_at(task.pk)
     may_change = bool(user.has_perm("change_project", task.project))
+    may_view = bool(user.has_perm("view_project", task.project))  # else it is a public task
     engine, said = engine_for(task)
     shown = records.WAITING if record["state"] == records.UPLOADING else record["state"]
     return {
         "state": shown,
-        "message": record.get("message") or "",
+        "message": (record.get("message") or "") if may_view else "",
         "progress": record.get("progress"),
         "verdict": record.get("verdict"),
         "report": home.page(f"tasks/{task.pk}/report") if has_report(task) else None,
