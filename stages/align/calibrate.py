@@ -21,6 +21,7 @@ from .prepare import focal_over_side, known_distortion
 from .solution import CameraSetting
 
 SOLVED = "solved"
+HEIGHTS = "heights"
 NONE = "none"
 STRAIGHT = (0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -106,6 +107,29 @@ def trials_for(camera: AlignCamera) -> Tuple[Trial, ...]:
     )
 
 
+def trials_by_heights(outcomes: Sequence[Outcome], geometry: Geometry, limits: Thresholds) -> Tuple[Trial, ...]:
+    """Return further candidates: solved focals put right by measured differences of height.
+
+    Straight down a focal and all heights scale together, so the vertical scale
+    is the focal's error. Only where it is known well enough, and nothing else
+    fixes the focal. Such candidates among ``outcomes`` are put right once more.
+    """
+    if geometry.control or geometry.tilted(limits) or not geometry.strong(limits):
+        return ()
+    earlier = [o for o in outcomes if o.trial.focal_source == HEIGHTS]
+    return tuple(
+        Trial(
+            f"focal {HEIGHTS}, distortion {o.trial.distortion_source}",
+            HEIGHTS,
+            o.trial.distortion_source,
+            round(o.solved_focal * o.scale.ratio, 6),
+            o.trial.distortion,
+        )
+        for o in (earlier or [o for o in outcomes if o.trial.focal is None])
+        if o.scale is not None
+    )
+
+
 def setting_for(trial: Trial, current: CameraSetting, tilted: bool = False) -> CameraSetting:
     """The camera that an adjustment starts from under a trial; with ``tilted`` views its centre is solved as well."""
     return replace(
@@ -178,6 +202,7 @@ def choose(
     strong = geometry.strong(limits) and _certain(outcomes, open_, limits)
     bend, why_bend = _choose_distortion(outcomes, open_, surfaces, camera, strong, limits)
     focal, why_focal = _choose_focal(outcomes, open_, bend, strong)
+    by_heights = focal == HEIGHTS
     chosen = next(
         i for i in open_ if outcomes[i].trial.distortion_source == bend and outcomes[i].trial.focal_source == focal
     )
@@ -185,12 +210,12 @@ def choose(
     proven = bend != NONE or _known_straight(camera) or why_bend.startswith("bowing")
     free = [o for o in outcomes if o.trial.focal is None and o.trial.distortion is None]
     hold, why_hold = False, "left to be solved"
-    if fixed and proven and camera.intrinsics.focal_trusted:
+    if fixed and proven and camera.intrinsics.focal_trusted and not by_heights:
         hold, why_hold = True, "held"
         if free and _costs_gps(outcomes[chosen], free[0], limits):
             hold, why_hold = False, "not held: it costs GPS fit against the solved camera"
     decision = _decision(outcomes[chosen], camera, hold, f"{why_bend}; {why_focal}; {why_hold}")
-    return chosen, replace(decision, supported=strong and outcomes[chosen].trial.focal is None), veto
+    return chosen, replace(decision, supported=by_heights or (strong and focal == SOLVED)), veto
 
 
 def _certain(outcomes: Sequence[Outcome], open_: Sequence[int], limits: Thresholds) -> bool:
@@ -266,6 +291,8 @@ def _bows_more(
 
 def _choose_focal(outcomes: Sequence[Outcome], open_: Sequence[int], bend: str, strong: bool) -> Tuple[str, str]:
     names = [outcomes[i].trial.focal_source for i in open_ if outcomes[i].trial.distortion_source == bend]
+    if HEIGHTS in names:
+        return HEIGHTS, "measured heights: the geometry fixes the focal"
     if strong and SOLVED in names:
         return SOLVED, "the geometry fixes the focal"
     if names[0] != SOLVED:

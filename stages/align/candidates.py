@@ -12,15 +12,26 @@ import numpy as np
 from ..progress import Cancel, Progress, check
 from ..thresholds import Thresholds
 from . import worker
-from .calibrate import Geometry, Outcome, Trial, as_candidates, choose, frozen, setting_for, trials_for
-from .control import Lay, holds_of, lay_by_control, lays_of
-from .fit import bowing, height_above_ground, residual_fit, surface_bow
-from .heights import vertical_scale
+from .calibrate import (
+    HEIGHTS,
+    Outcome,
+    as_candidates,
+    choose,
+    frozen,
+    trials_by_heights,
+    trials_for,
+)
+from .control import Lay, holds_of, lays_of
+from .fit import surface_bow
 from .held import HOLDING
 from .model import AlignCamera, AlignFrame, AlignRequest, Bowing, Candidate, LockDecision
-from .prepare import center_over_side, focal_over_side, holdable
+from .prepare import holdable
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
+from .tried import Bench, camera_index, camera_of, error_of, geometry_of
 from .world import Ground, Rows, fit_rows
+
+# Putting a focal right moves the distortion that goes with it: the second round leaves a tenth of the error.
+HEIGHT_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -67,31 +78,37 @@ def calibrate(
                 continue
             stood[profile] = others
             camera = _main_camera(request, job, solution, profile)
-            trials = trials_for(camera)
             rows = _rows(request, solution, profile)
             model = int(solution.model[rows[0]])
             mapped = geometry_of(request, solution, ground, rows, limits, lays.get(model))
             tilted = mapped.tilted(limits)
-            variants = tuple(_variant(request, current, profile, t, tilted) for t in trials)
             place = folder / f"calibrate-{lap}-{order.index(profile):02d}"
-            task = AdjustJob(solution.stored, job, variants)
-            solved = worker.adjust(task, engine, place, progress, cancel)
-            laid = [lay_by_control(request, job, s, ground, model, limits) if model in lays else None for s in solved]
-            outcomes = tuple(
-                _outcome(t, request, s, ground, rows, profile, job, limits, lay)
-                for t, s, lay in zip(trials, solved, laid)
-            )
-            surfaces = _surfaces(solved, ground, rows, laid)
             held = tuple(h for h in holds if h.model == model)
+            bench = Bench(request, job, solution, ground, engine, place, limits, model in lays, progress, cancel)
+            tried = bench.attempt(trials_for(camera), current, profile, rows, tilted, 1)
+            free_one = tried[-1]
+            geometry = geometry_of(request, free_one.solution, ground, rows, limits, free_one.lay)
+            # What cannot be held fixes no focal: the candidates are then the free network's.
+            geometry = replace(geometry, control=bool(held))
+            for round_ in range(1, 1 + HEIGHT_ROUNDS):
+                more = trials_by_heights([t.outcome for t in tried], geometry, limits)
+                if not more:
+                    break
+                known = [t for t in tried if t.trial.focal_source != HEIGHTS]
+                first = 1 + len(known) + (round_ - 1) * len(more)
+                tried = known + bench.attempt(more, current, profile, rows, tilted, first)
+            trials = tuple(t.trial for t in tried)
+            variants = tuple(t.variant for t in tried)
+            solved = tuple(t.solution for t in tried)
+            laid = [t.lay for t in tried]
+            outcomes = tuple(t.outcome for t in tried)
+            surfaces = _surfaces(solved, ground, rows, laid)
             if held:
                 task = AdjustJob(solution.stored, job, variants, held)
                 fixed = worker.adjust(task, engine, place / "control", progress, cancel)
                 outcomes = tuple(_under_control(o, s, job, rows, profile) for o, s in zip(outcomes, fixed))
             flown = [h for h in (flown_height(request.frames[i], limits) for i in rows) if h is not None]
             height = float(np.median(flown)) if flown else None
-            geometry = geometry_of(request, solved[-1], ground, rows, limits, laid[-1])
-            # What cannot be held fixes no focal: the candidates are then the free network's.
-            geometry = replace(geometry, control=bool(held))
             chosen, decision, veto = choose(outcomes, surfaces, camera, geometry, height, limits)
             told[profile] = as_candidates(outcomes, chosen, decision, veto)
             decided[profile] = decision
@@ -134,24 +151,16 @@ def _under_control(outcome: Outcome, solution: Solution, job: Job, rows: Rows, p
     Its bow and GPS fit stay the free network's: held, it fits by force.
     """
     kept = rows[solution.model[rows] != UNPLACED]
-    camera = _camera_of(solution, job, kept, profile)
-    sigma = float(solution.focal_sigma[_camera_index(job, kept)]) if len(kept) else float("nan")
+    camera = camera_of(solution, job, kept, profile)
+    sigma = float(solution.focal_sigma[camera_index(job, kept)]) if len(kept) else float("nan")
     return replace(
         outcome,
-        error_px=_error(solution, kept),
+        error_px=error_of(solution, kept),
         solved_focal=camera.focal_ratio,
         solved_center=camera.center_ratio,
         solved_distortion=camera.distortion,
         focal_sigma=sigma if np.isfinite(sigma) else None,
     )
-
-
-def _error(solution: Solution, kept: Rows) -> Optional[float]:
-    """Mean reprojection error over the observations of some frames, ``None`` without any."""
-    weight = solution.observations[kept].astype(float)
-    if weight.sum() <= 0 or not np.isfinite(solution.error_px[kept][weight > 0]).all():
-        return None
-    return round(float(np.average(np.nan_to_num(solution.error_px[kept]), weights=weight)), 5)
 
 
 def _alike(before: Sequence[CameraSetting], now: Sequence[CameraSetting], limits: Thresholds) -> bool:
@@ -213,104 +222,6 @@ def _main_camera(request: AlignRequest, job: Job, solution: Solution, profile: s
     return request.cameras[min(options, key=lambda i: (-count[i], i))]
 
 
-def _variant(
-    request: AlignRequest, current: Sequence[CameraSetting], profile: str, trial: Trial, tilted: bool
-) -> Tuple[CameraSetting, ...]:
-    return tuple(
-        setting_for(trial, _restart(request.cameras[i], c), tilted) if c.profile == profile else c
-        for i, c in enumerate(current)
-    )
-
-
-def _restart(camera: AlignCamera, setting: CameraSetting) -> CameraSetting:
-    """A solved focal starts from what the mapping found, or from the trusted value; the centre from what is known."""
-    known = focal_over_side(camera) if camera.intrinsics.focal_trusted else None
-    setting = replace(setting, center_ratio=center_over_side(camera.intrinsics))
-    return setting if known is None else replace(setting, focal_ratio=known)
-
-
-def _outcome(
-    trial: Trial,
-    request: AlignRequest,
-    solution: Solution,
-    ground: Ground,
-    rows: Rows,
-    profile: str,
-    job: Job,
-    limits: Thresholds,
-    lay: Optional[Lay] = None,
-) -> Outcome:
-    kept = rows[solution.model[rows] != UNPLACED]
-    error = _error(solution, kept)
-    camera = _camera_of(solution, job, kept, profile)
-    known = kept[ground.known[kept]]
-    fit = fit_rows(solution, ground, known) if len(known) >= limits.min_proof_frames else None
-    focal_sigma = float(solution.focal_sigma[_camera_index(job, kept)]) if len(kept) else float("nan")
-    plain = Outcome(
-        trial=trial,
-        error_px=error,
-        gps_horizontal_m=None,
-        gps_vertical_m=None,
-        misfit=None,
-        height_m=None,
-        relief_m=None,
-        bowing=Bowing(),
-        solved_focal=camera.focal_ratio,
-        solved_center=camera.center_ratio,
-        solved_distortion=camera.distortion,
-        scale=vertical_scale(request.frames, solution, ground, kept, limits),
-        focal_sigma=focal_sigma if np.isfinite(focal_sigma) else None,
-    )
-    control = lay.similarity if lay is not None and lay.holds else None
-    if lay is not None and control is not None:
-        ground_m = control.points(_points(solution, kept))
-        height, relief = height_above_ground(control.points(solution.center[kept]), ground_m)
-        plain = replace(plain, height_m=height, relief_m=relief, bowing=lay.fit.bowing)
-    if fit is None:
-        return plain
-    centers = fit.points(solution.center[known])
-    vertical = bool(ground.vertical[known].all())
-    sigma = (float(np.median(ground.sigma[known, 0])), float(np.median(ground.sigma[known, 1])))
-    gps = residual_fit(centers - ground.east_north_up[known], sigma, len(known), False, vertical)
-    if control is None:
-        height, relief = height_above_ground(centers, fit.points(_points(solution, kept)))
-        plain = replace(plain, height_m=height, relief_m=relief)
-    bow = plain.bowing
-    if bow.bowing_m is None and vertical:
-        bow = bowing(centers, ground.east_north_up[known], [request.frames[i].flight for i in known])
-    misfit = None
-    if gps.horizontal_m is not None:
-        misfit = gps.horizontal_m / (limits.gps_sigma_factor * sigma[0])
-        if gps.vertical_m is not None:
-            misfit = max(misfit, gps.vertical_m / (limits.gps_sigma_factor * sigma[1]))
-    return replace(
-        plain,
-        gps_horizontal_m=gps.horizontal_m,
-        gps_vertical_m=gps.vertical_m,
-        misfit=None if misfit is None else round(misfit, 4),
-        bowing=bow,
-    )
-
-
-def _points(solution: Solution, rows: Rows) -> Array:
-    model = solution.model[rows[0]]
-    found: Array = solution.point_xyz[solution.point_model == model]
-    return found
-
-
-def _camera_index(job: Job, rows: Rows) -> int:
-    count: Dict[int, int] = defaultdict(int)
-    for row in rows:
-        count[job.frames[int(row)].camera] += 1
-    return min(count, key=lambda c: (-count[c], c))
-
-
-def _camera_of(solution: Solution, job: Job, rows: Rows, profile: str) -> CameraSetting:
-    if len(rows):
-        return solution.cameras[_camera_index(job, rows)]
-    return next(c for c in solution.cameras if c.profile == profile)
-
-
 def _surfaces(
     solved: Sequence[Solution], ground: Ground, rows: Rows, lays: Sequence[Optional[Lay]]
 ) -> Dict[Tuple[int, int], Bowing]:
@@ -340,27 +251,3 @@ def _surfaces(
                 b = np.asarray([second[p] for p in both])
                 found[(i, j)] = surface_bow(a, b, len(rows))
     return found
-
-
-def geometry_of(
-    request: AlignRequest,
-    solution: Solution,
-    ground: Ground,
-    rows: Rows,
-    limits: Thresholds,
-    lay: Optional[Lay] = None,
-) -> Geometry:
-    """Measure what supports a self-calibration: view tilts and measured heights of the profile's frames, control."""
-    kept = rows[(solution.model[rows] != UNPLACED)]
-    known = kept[ground.known[kept]]
-    fit = fit_rows(solution, ground, known) if len(known) >= limits.min_proof_frames else None
-    control = lay is not None and lay.holds
-    if lay is not None and control:
-        fit = lay.similarity
-    if fit is None or not len(kept):
-        return Geometry(0.0, control)
-    views = fit.directions(solution.rotation[kept, 2])
-    tilt = np.degrees(np.arccos(np.clip(-views[:, 2], -1.0, 1.0)))
-    oblique = float((tilt > limits.oblique_view_deg).mean())
-    scale = vertical_scale(request.frames, solution, ground, kept, limits)
-    return Geometry(round(oblique, 4), control, None if scale is None else scale.sigma)

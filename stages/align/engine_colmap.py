@@ -64,7 +64,7 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
     tool = program()
     base = Path(task.models)
     results = []
-    for number, cameras in enumerate(task.variants, start=1):
+    for number, cameras in enumerate(task.variants, start=task.first):
         folder = base.parent / f"{base.name}-v{number:02d}"
         adjusted: List[TextModel] = []
         for source in sorted(p for p in base.iterdir() if p.is_dir()):
@@ -96,7 +96,7 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
         owners = [_camera_owner(m, task.job) for m in adjusted]
         merged = {c: int(name.split("-")[0]) for owner in owners for c, name in owner.items()}
         results.append(_replaced(collect(task.job, cameras, merged, adjusted), stored=str(folder)))
-        step("calibration", number, len(task.variants))
+        step("calibration", number - task.first + 1, len(task.variants))
     return tuple(results)
 
 

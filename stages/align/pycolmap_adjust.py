@@ -23,7 +23,7 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
 
     quiet(pycolmap)
     results = []
-    for number, cameras in enumerate(task.variants, start=1):
+    for number, cameras in enumerate(task.variants, start=task.first):
         models = [pycolmap.Reconstruction(str(path)) for path in stored_models(Path(task.models))]
         sigmas: Dict[int, float] = {}
         for model in models:
@@ -37,7 +37,7 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
         solution = collect(task.job, cameras, models, folder)
         spread = np.asarray([sigmas.get(i + 1, math.nan) for i in range(len(cameras))])
         results.append(with_changes(solution, focal_sigma=spread))
-        step("calibration", number, len(task.variants))
+        step("calibration", number - task.first + 1, len(task.variants))
     return tuple(results)
 
 

@@ -155,13 +155,15 @@ class AdjustJob:
     """Bundle adjustments on copies of stored models: one solution per variant of the cameras.
 
     A model that ``holds`` speaks of is laid on the ground and adjusted with
-    its control points constant; its solution is then in metres.
+    its control points constant; its solution is then in metres. ``first``
+    numbers the variants, so that a later task leaves an earlier one's models.
     """
 
     models: str
     job: Job
     variants: Tuple[Tuple[CameraSetting, ...], ...]
     holds: Tuple[Hold, ...] = ()
+    first: int = 1
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from sensorgate.stages.align.calibrate import Geometry, Outcome, Trial, choose, setting_for, trials_for
+from sensorgate.stages.align.calibrate import (
+    Geometry,
+    Outcome,
+    Trial,
+    choose,
+    setting_for,
+    trials_by_heights,
+    trials_for,
+)
 from sensorgate.stages.align.candidates import flown_height
+from sensorgate.stages.align.heights import VerticalScale
 from sensorgate.stages.align.model import AlignCamera, Bowing
 from sensorgate.stages.align.solution import CameraSetting
 from sensorgate.stages.intrinsics import Intrinsics
@@ -157,6 +166,39 @@ def test_an_uncertain_focal_is_weak_geometry():
     assert outcomes[index].trial.focal_source == "sheet" and decision.hold
 
 
+def _measured(camera, sigma, true=0.6):
+    """Outcomes of a nadir block whose heights are measured: each focal's error is the error of its heights."""
+    return tuple(replace(o, scale=VerticalScale(true / o.solved_focal, sigma)) for o in _outcomes(camera))
+
+
+def test_measured_heights_rule_out_what_they_contradict_and_put_the_focal_right():
+    geometry = Geometry(0.0, height_sigma=0.003)
+    outcomes = _measured(GUESSED, 0.003, true=0.62)
+    more = trials_by_heights(outcomes, geometry, DEFAULTS)
+    assert [(t.focal, t.distortion_source) for t in more] == [(0.62, "none"), (0.62, "solved")]
+    right = tuple(replace(outcomes[0], trial=t, solved_focal=0.62, scale=VerticalScale(1.001, 0.003)) for t in more)
+    found = (*outcomes, *right)
+    index, decision, veto = choose(found, {}, GUESSED, geometry, None, DEFAULTS)
+    assert found[index].trial.focal_source == "heights"
+    assert decision.focal_ratio == 0.62 and decision.supported and not decision.hold
+    assert "off the measured ones" in veto[0] and not any(veto[len(outcomes) :])
+    again = trials_by_heights(found, geometry, DEFAULTS)
+    assert [t.focal for t in again] == [0.62062, 0.62062]
+
+
+def test_heights_known_to_plain_gps_fix_nothing_and_rule_nothing_out():
+    geometry = Geometry(0.0, height_sigma=0.12)
+    outcomes = _measured(TRUSTED_FOCAL, 0.12)
+    assert trials_by_heights(outcomes, geometry, DEFAULTS) == ()
+    index, _, veto = choose(outcomes, {}, TRUSTED_FOCAL, geometry, None, DEFAULTS)
+    assert outcomes[index].trial.focal_source == "sheet" and not any(veto)
+
+
+def test_tilted_views_and_control_need_no_heights():
+    for geometry in (Geometry(0.3, height_sigma=0.003), Geometry(0.0, True, 0.003)):
+        assert trials_by_heights(_measured(GUESSED, 0.003), geometry, DEFAULTS) == ()
+
+
 def test_gps_and_missing_figures_veto():
     names = [t.name for t in trials_for(CORRECTED)]
     _, _, veto = _chosen(CORRECTED, misfits={names[0]: 1.4}, errors={names[1]: None, names[2]: float("nan")})
@@ -175,6 +217,8 @@ def test_a_setting_moves_only_what_its_trial_solves():
         setting = setting_for(trial, current)
         assert setting.solve_focal is (trial.focal is None)
         assert setting.solve_distortion is (trial.distortion is None)
+        assert not setting.solve_center
+        assert setting_for(trial, current, tilted=True).solve_center is (trial.distortion is None)
         if trial.distortion is not None:
             assert setting.distortion == trial.distortion
 
