@@ -18,6 +18,7 @@ from ..submit.parcel import Item, Parcel
 from ..submit.reroute import Part, plan
 from . import records, tasks
 from .proposal import Proposal, Proposed, control_for
+from .verdict import headline
 
 FAILED, COMPLETED = 30, 40
 _CONSOLE_LINES = 20_000
@@ -42,6 +43,13 @@ def judge_task(task: Any) -> Judgement:
         return Judgement(str(told.route), tuple(str(r) for r in told.reasons))
     text = str(task.console.output() or "")
     return judge_console(text.rstrip().split("\n")[-_CONSOLE_LINES:], str(task.last_error or ""))
+
+
+def with_gate(judgement: Judgement, inspection: Inspection, proposal: Proposal) -> Judgement:
+    """What went wrong without a known cause is put down to frames that do not belong together, where they do not."""
+    if judgement.route == PROCEED or len(proposal.tasks) < 2:
+        return judgement
+    return Judgement(ISOLATE, (*judgement.reasons, headline(inspection, proposal)))
 
 
 def parts_of(task: Any, judgement: Judgement, inspection: Inspection, proposal: Proposal) -> Tuple[Proposed, ...]:

@@ -28,7 +28,7 @@ def state_of(task: Any, user: Any) -> Dict[str, Any]:
         "verdict": record.get("verdict"),
         "report": home.page(f"tasks/{task.pk}/report") if has_report(task) else None,
         "actions": actions_for(task, record, user) if may_change else [],
-        "tasks": list(record.get("tasks", [])) if may_change else [],
+        "tasks": _left(record) if may_change else [],
         "judgement": record.get("judgement") if may_change else None,
         "engine": engine,
         "engine_message": said,
@@ -54,12 +54,17 @@ def actions_for(task: Any, record: Dict[str, Any], user: Any) -> List[str]:
         found.append(JUDGE)
     judged = (record.get("judgement") or {}).get("tasks")
     useful = bool(judged) or record.get("parts", 0) > 1
-    if task.status in (None, _FAILED, _COMPLETED, _CANCELED) and not record.get("tasks"):
+    if task.status in (None, _FAILED, _COMPLETED, _CANCELED) and not _left(record):
         if useful:
             found.append(SPLIT)
         if (useful or record.get("verdict") == "inconsistent") and preparing.available():
             found.append(PREPARE)
     return found
+
+
+def _left(record: Dict[str, Any]) -> List[Dict[str, Any]]:
+    """The tasks that came of it and are still there."""
+    return [t for t in record.get("tasks", []) if home.find_task(t["id"]) is not None]
 
 
 def engine_for(task: Any) -> "tuple[str, str]":

@@ -106,8 +106,8 @@ def split(task: Any, parts: Sequence[Tuple[Path, Proposed]], anchor: Any = None)
         state=records.SPLIT,
         holds=False,
         progress=None,
-        message=f"Taken apart into {len(told)} tasks: {', '.join(str(t['name']) for t in told)}. "
-        "This one is not processed; its images stay until you delete it.",
+        message=f"Taken apart into {len(told)} tasks: {', '.join(str(t['name']) for t in told)}."
+        + (" This one is not processed; its images stay until you delete it." if task.status is None else ""),
         tasks=told,
     )
     if task.status is None:
