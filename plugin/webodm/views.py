@@ -90,6 +90,7 @@ def _charge(user: Any, size: int) -> None:
 
 def project_for(request: Any, value: Any, perm: str) -> Any:
     """The project where this user has ``perm``; it is not told whether it exists otherwise."""
+    from app.api.common import get_and_check_project
 
     if not isinstance(value, int) or isinstance(value, bool):
         raise exceptions.ValidationError({"detail": "project must be a number."})
