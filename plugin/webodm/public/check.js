@@ -53,9 +53,6 @@
     this.asking = false;
     this.lastAsked = 0;
     this.timer = null;
-    this.startedAt = performance.now();
-    this.firstVerdictMs = null;
-    this.readMs = null;
   };
 
   /* All files chosen so far; those already known are passed over. */
@@ -155,7 +152,6 @@
     if (this.batch.length && !this.queue.length && !this.reading) this.closeBatch();
     while (this.batches.length && this.sending < SENDERS) this.sendBatch(this.batches.shift());
     if (!this.queue.length && !this.reading && !this.batch.length && !this.batches.length && !this.sending && !this.outstanding) {
-      if (this.readMs === null) this.readMs = performance.now() - this.startedAt;
       this.phase = this.verdictFinal ? "ready" : "judging";
       if (!this.verdictFinal) this.ask();
     }
@@ -298,7 +294,6 @@
     this.asking = true;
     this.post("sessions/" + this.session + "/verdict", this.choices).then(function (answer) {
       self.verdict = answer;
-      if (self.firstVerdictMs === null) self.firstVerdictMs = performance.now() - self.startedAt;
       self.asked(began, final());
     }).catch(function (error) {
       if (error.stopped || signal !== self.signal) return;

@@ -28,7 +28,7 @@
       root = h("div.sg-dock", { role: "region", "aria-label": "Uploads of the camera check" });
       document.body.appendChild(root);
     }
-    var place = h("section.sg-upload", null);
+    var place = h("section.sg-upload", { tabindex: "-1" });
     var entry = { upload: upload, place: place, timer: null, told: 0 };
     uploads.push(entry);
     root.appendChild(place);
@@ -41,7 +41,7 @@
       if (!entry.timer) entry.timer = setTimeout(function () { entry.timer = null; draw(entry); }, DRAW_PAUSE_MS);
     });
     run(entry);
-    return entry;
+    place.focus({ preventScroll: true });
   }
 
   function run(entry) {
@@ -77,7 +77,7 @@
   function drawRow(upload, row) {
     var share = row.state === "done" ? 100 : row.total ? 100 * upload.sentBytes(row) / row.total : 0;
     var words = row.message || STATES[row.state] || row.count + " of " + plural(row.parts.length, "file");
-    return h("li.sg-" + row.state, null,
+    return h("li.sg-row-" + row.state, null,
       h("span.sg-label", { title: row.label }, row.label), h("small", null, words),
       h("div.sg-bar", { role: "progressbar", "aria-label": row.label, "aria-valuemin": "0", "aria-valuemax": "100", "aria-valuenow": String(Math.round(share)) },
         h("div", { style: "width:" + share.toFixed(1) + "%" })));

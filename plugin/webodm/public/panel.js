@@ -24,10 +24,7 @@
         status.textContent = "The camera check does not know which project this is. Reload the page.";
         return;
       }
-      if (!check) {
-        check = new sensorgate.Check(project, draw);
-        element.sensorgateCheck = check;
-      }
+      if (!check) check = new sensorgate.Check(project, draw);
       // All of them: the form itself only hands on those that were chosen last.
       check.add(item && item.dropzone ? item.dropzone.files : []);
       check.add(props.getFiles ? props.getFiles() : []);
@@ -45,7 +42,7 @@
       var working = check.phase !== "ready" && check.phase !== "failed";
       bar.hidden = !working;
       bar.firstChild.style.width = (check.images ? Math.round(100 * check.done / check.images) : 0) + "%";
-      act.busy = check.phase !== "ready";
+      act.busy = check.phase !== "ready" && check.phase !== "judging";
       body.setAttribute("aria-busy", String(working));
       sensorgate.dom.redraw(body, hidden ? shortened() : content());
     }
@@ -63,12 +60,12 @@
       }));
       return [
         views.headline(verdict),
-        views.cameras(verdict.cameras),
         views.comparison(verdict),
         views.findings(verdict, act),
         views.leftOut(left, act),
-        views.rules(verdict, act),
+        views.cameras(verdict.cameras),
         views.tasks(verdict, act, taskName),
+        views.rules(verdict, act),
         notes(verdict),
         buttons(verdict)
       ];
@@ -97,11 +94,12 @@
     function buttons(verdict) {
       var ready = check.phase === "ready" && check.verdictFinal && verdict.tasks.length > 0;
       var chosen = check.choices.off.length || Object.keys(check.choices.moves).length;
-      var label = verdict.tasks.length === 1 ? "Create the task and upload" : "Create " + plural(verdict.tasks.length, "task") + " and upload";
-      return h("div.sg-buttons", null,
+      var size = ready ? " " + sensorgate.dom.bytes(sizeOf(verdict.tasks, check.files)) : "";
+      var label = (verdict.tasks.length === 1 ? "Create the task" : "Create " + plural(verdict.tasks.length, "task")) + " and upload" + size;
+      return h("div.sg-buttons.sg-act.theme-background-highlight", null,
         verdict.tasks.length ? button(label, "btn-primary", start, !ready, "create") : null,
         button("Go on as before", "btn-default", asBefore, false, "before"),
-        chosen ? button("Back to the suggestion", "btn-default", function () { check.choose({ off: [], moves: {} }); }, act.busy, "reset") : null,
+        chosen ? button("Back to the suggestion", "btn-default", function () { choose({ off: [], moves: {} }); }, act.busy, "reset") : null,
         verdict.report && ready ? h("a", { href: verdict.report, target: "_blank", rel: "noopener" }, "Full report") : null);
     }
 
@@ -109,16 +107,22 @@
       return h("button.btn.btn-sm." + look, { type: "button", onclick: click, disabled: Boolean(disabled), "data-key": key || label }, label);
     }
 
+    /* Drawn at once: nothing can be created from a verdict that the choice has made old. */
+    function choose(choices) {
+      check.choose(choices);
+      drawNow();
+    }
+
     function rule(id, on) {
       var off = check.choices.off.filter(function (each) { return each !== id; });
-      check.choose({ off: on ? off : off.concat([id]), moves: check.choices.moves });
+      choose({ off: on ? off : off.concat([id]), moves: check.choices.moves });
     }
 
     function move(payload, task) {
       var moves = {};
       Object.keys(check.choices.moves).forEach(function (id) { moves[id] = check.choices.moves[id]; });
       moves[payload] = task;
-      check.choose({ off: check.choices.off, moves: moves });
+      choose({ off: check.choices.off, moves: moves });
     }
 
     function asBefore() {
@@ -140,7 +144,7 @@
     }
 
     function start() {
-      if (started) return;
+      if (started || check.phase !== "ready" || !check.verdictFinal) return;
       try {
         var order = {
           project: project, session: check.session, name: baseName(), info: props.taskInfo || {},
@@ -163,6 +167,12 @@
 
     update(props);
     return { update: update, close: close };
+  }
+
+  function sizeOf(tasks, files) {
+    return tasks.reduce(function (sum, task) {
+      return task.files.reduce(function (part, entry) { return part + (files[entry[0]] ? files[entry[0]].size : 0); }, sum);
+    }, 0);
   }
 
   /* A task of the verdict with its real files; refuses names that would overwrite each other. */

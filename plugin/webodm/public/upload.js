@@ -127,12 +127,13 @@
     if (node.id !== undefined && node.id !== null && node.key !== "auto") body.processing_node = node.id;
     if (info.alignTo && info.alignTo !== "auto") body.align_to = info.alignTo;
     if (info.resizeMode === 1 && info.resizeSize) body.resize_to = info.resizeSize;
-    // A create whose answer was lost leaves an empty task behind, so it is not repeated blindly.
-    return requests.send("POST", "/api/projects/" + this.order.project + "/tasks/", { json: body, signal: this.signal })
+    // Neither repeated nor broken off: a create whose answer is lost leaves an empty task behind.
+    return requests.send("POST", "/api/projects/" + this.order.project + "/tasks/", { json: body })
       .then(function (task) {
         if (!task || !task.id) throw new Error("The server did not create the task.");
         row.id = task.id;
-        return self.claim(row);
+        if (!self.signal.stopped) return self.claim(row);
+        return self.remove(row).then(function () { throw requests.stopped(); });
       });
   };
 
@@ -239,12 +240,15 @@
     var open = this.rows.filter(function (row) { return row.state !== "done"; });
     open.forEach(function (row) { row.state = "cancelled"; row.message = ""; });
     this.changed();
-    return Promise.all(open.filter(function (row) { return row.id; }).map(function (row) {
-      return requests.send("POST", self.url(row, "remove"), { json: {} }).catch(function () {
-        row.message = "This incomplete task is still in the list: delete it there.";
-        self.changed();
-      });
-    }));
+    return Promise.all(open.filter(function (row) { return row.id; }).map(function (row) { return self.remove(row); }));
+  };
+
+  Upload.prototype.remove = function (row) {
+    var self = this;
+    return requests.send("POST", this.url(row, "remove"), { json: {} }).catch(function () {
+      row.message = "This incomplete task is still in the list: delete it there.";
+      self.changed();
+    });
   };
 
   function uuid() {

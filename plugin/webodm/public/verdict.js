@@ -3,7 +3,7 @@
   "use strict";
 
   var h = sensorgate.dom.h, count = sensorgate.dom.count, plural = sensorgate.dom.plural;
-  var SHOWN = 8;
+  var MOST_LISTED = 200;
   var SPECTRA = { rgb: "colour", multispectral: "multispectral", thermal: "thermal" };
   var SEVERITIES = { error: "Problem", warning: "Warning", info: "Note" };
   var VERDICTS = { consistent: "good", inconsistent: "note", blocked: "bad" };
@@ -20,30 +20,50 @@
 
   function headline(verdict) {
     var look = VERDICTS[verdict.verdict] || "note";
-    return h("p.sg-headline", null, h("span.sg-mark.sg-" + look, { "aria-hidden": "true" }, MARKS[look]), h("strong", null, verdict.headline));
+    return h("p.sg-headline", null, h("span.sg-mark.sg-look-" + look, { "aria-hidden": "true" }, MARKS[look]), h("strong", null, verdict.headline));
+  }
+
+  /* One row for each camera of one picture size: the lenses of a rig are one camera to who flies it. */
+  function grouped(found) {
+    var rows = [], places = {};
+    found.forEach(function (camera) {
+      var key = JSON.stringify([camera.payload, camera.name, camera.width, camera.height, camera.spectrum]);
+      if (!camera.payload || places[key] === undefined) {
+        places[key] = rows.length;
+        rows.push({ camera: camera, bands: [], focals: [], frames: 0 });
+      }
+      var row = rows[places[key]];
+      row.frames += camera.frames;
+      if (camera.band && row.bands.indexOf(camera.band) < 0) row.bands.push(camera.band);
+      if (camera.focal_mm) row.focals.push(camera.focal_mm);
+    });
+    return rows;
   }
 
   function cameras(found) {
     if (!found.length) return null;
-    var judged = found.some(function (camera) { return camera.id; });
+    var judged = found.some(function (camera) { return camera.payload; });
     var head = ["Camera", judged ? "Kind" : null, "Picture", judged ? "Focal length" : null, "Frames"];
-    function row(camera) {
-      var kind = [spectrum(camera.spectrum), camera.band].filter(Boolean).join(", ");
+    function row(each) {
+      var camera = each.camera;
       return h("tr", null,
         h("th", { scope: "row" }, camera.name || "Unknown camera"),
-        judged ? h("td", null, kind) : null,
-        h("td", null, camera.width && camera.height ? camera.width + " × " + camera.height : "unknown"),
-        judged ? h("td", null, camera.focal_mm ? number(camera.focal_mm, 2) + " mm" : "unknown") : null,
-        h("td.sg-number", null, count(camera.frames)));
+        judged ? h("td", null, spectrum(camera.spectrum) + (each.bands.length > 1 ? ": " + each.bands.join(", ") : "")) : null,
+        h("td.sg-whole", null, camera.width && camera.height ? camera.width + " × " + camera.height : "unknown"),
+        judged ? h("td.sg-whole", null, focal(each.focals)) : null,
+        h("td.sg-number", null, count(each.frames)));
     }
-    function table(rows) {
-      return h("div.sg-scroll", null, h("table.sg-table", null,
-        h("thead", null, h("tr", null, head.filter(Boolean).map(function (name) {
-          return h(name === "Frames" ? "th.sg-number" : "th", { scope: "col" }, name);
-        }))),
-        h("tbody", null, rows.map(row))));
-    }
-    return [h("h5", null, plural(found.length, "camera")), table(found)];
+    return [h("h5", null, "Cameras found"), h("div.sg-scroll", null, h("table.sg-table", null,
+      h("thead", null, h("tr", null, head.filter(Boolean).map(function (name) {
+        return h(name === "Frames" ? "th.sg-number" : "th", { scope: "col" }, name);
+      }))),
+      h("tbody", null, grouped(found).map(row))))];
+  }
+
+  function focal(values) {
+    if (!values.length) return "unknown";
+    var least = number(Math.min.apply(null, values), 2), most = number(Math.max.apply(null, values), 2);
+    return (least === most ? least : least + " to " + most) + " mm";
   }
 
   function lines(texts) {
@@ -86,9 +106,9 @@
     return h("section.sg-task", null,
       h("h6", null, name(task), " ", h("small", null, plural(task.frames, "frame") + (spectrum(task.spectrum) ? " · " + spectrum(task.spectrum) : ""))),
       payloads.length ? h("ul.sg-payloads", null, payloads.map(function (payload) { return payloadRow(payload, verdict, act); })) : null,
-      h("dl.sg-options", null, task.options.length ? task.options.map(function (option) {
-        return h("div", null, h("dt", null, h("code", null, optionWords(option))), h("dd", null, (task.reasons || {})[option.name] || ""));
-      }) : h("div", null, h("dd", null, "No options of its own: your choice above applies."))),
+      h("div.sg-options.sg-small", null, task.options.length ? task.options.map(function (option) {
+        return h("div", null, h("code", null, optionWords(option)), " ", (task.reasons || {})[option.name] || "");
+      }) : h("div", null, "The options chosen in the form above.")),
       texts.length ? h("p.sg-small", null, "With it: " + texts.join(", ") + ", rewritten for this task.") : null);
   }
 
@@ -129,20 +149,26 @@
       var many = verdict.findings.filter(function (finding) { return finding.severity === severity; }).length;
       return many ? plural(many, SEVERITIES[severity].toLowerCase()) : "";
     }).filter(Boolean).join(", ");
-    return fold("findings", "Why: " + told, h("ul.sg-findings", null, verdict.findings.map(function (finding) {
+    return fold("findings", "Why: " + told, h("ul.sg-findings", null, bySeverity(verdict.findings).map(function (finding) {
       return h("li.sg-" + finding.severity, null,
         h("p", null, h("strong", null, SEVERITIES[finding.severity] || finding.severity), " ", finding.message),
         finding.remedy ? h("p.sg-small", null, finding.remedy) : null);
     })), act);
   }
 
+  function bySeverity(findings) {
+    return ["error", "warning", "info"].reduce(function (sorted, severity) {
+      return sorted.concat(findings.filter(function (finding) { return finding.severity === severity; }));
+    }, []);
+  }
+
   function leftOut(left, act) {
     if (!left.length) return null;
     return fold("left", plural(left.length, "file") + (left.length === 1 ? " is left out" : " are left out"), [
-      h("ul.sg-lines", null, left.slice(0, 20 * SHOWN).map(function (each) {
+      h("ul.sg-lines", null, left.slice(0, MOST_LISTED).map(function (each) {
         return h("li", null, h("code", null, each.path), " ", each.message || each.reason);
       })),
-      left.length > 20 * SHOWN ? h("p.sg-small", null, "And " + count(left.length - 20 * SHOWN) + " more.") : null
+      left.length > MOST_LISTED ? h("p.sg-small", null, "And " + count(left.length - MOST_LISTED) + " more.") : null
     ], act);
   }
 

@@ -85,13 +85,12 @@ class Browser:
             raise AssertionError(answer["exceptionDetails"].get("exception", {}).get("description", script))
         return answer["result"].get("value")
 
-    def wait(self, condition: str, seconds: float = 30.0) -> Any:
-        """Wait until an expression is true, and return it."""
+    def wait(self, condition: str, seconds: float = 20.0) -> None:
+        """Wait until an expression is true."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
-            value = self.run(condition)
-            if value:
-                return value
+            if self.run(f"Boolean({condition})"):
+                return
             time.sleep(0.05)
         raise AssertionError(f"still not true after {seconds} s: {condition}\n{self.errors}\n{self.text()[-3000:]}")
 
