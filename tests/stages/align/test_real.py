@@ -9,7 +9,11 @@ from pathlib import Path
 
 import pytest
 from sensorgate.stages.align import align
+from sensorgate.stages.align.blocks import likeness
 from sensorgate.stages.align.model import AlignmentReport
+from sensorgate.stages.align.prepare import sorted_request
+from sensorgate.stages.align.run import align_once
+from sensorgate.stages.align.ties import ties_of
 from sensorgate.stages.document import requests_for
 from sensorgate.stages.read import scan
 from sensorgate.stages.record import from_plain, to_plain
@@ -67,6 +71,16 @@ def test_the_same_again_gives_the_same(report, survey, space):
     again = align(survey, space, max_dim=SIZE)
     assert again.verdict == report.verdict and again.pairs == report.pairs
     assert again.gps.horizontal_m == pytest.approx(report.gps.horizontal_m, abs=1e-3)
+
+
+def test_pairs_alone_tell_of_ties_what_the_rung_tells(survey, space):
+    half = replace(survey, frames=tuple(replace(f, payload="ab"[i % 2]) for i, f in enumerate(survey.frames)))
+    extra = [likeness(sorted_request(half), "b", DEFAULTS)]
+    whole = align_once(half, space, thresholds=DEFAULTS, max_dim=SIZE, extra=extra, lock=True).report
+    alone = ties_of(half, ["b"], space, extra, rung="quick", thresholds=DEFAULTS, engine="pycolmap", max_dim=SIZE)
+    (payload,) = [p for p in whole.payloads if p.payload == "b"]
+    assert (alone["b"].verified, alone["b"].strong) == (payload.cross_pairs, payload.strong_cross_pairs)
+    assert 0 < alone["b"].strong <= alone["b"].verified <= alone["b"].tried
 
 
 def test_a_report_goes_to_json_and_back(report):
