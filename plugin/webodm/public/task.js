@@ -62,7 +62,7 @@
         h("h5", null, "Camera check"),
         state.message ? h("p", { role: "status" }, state.message) : null,
         state.progress !== null && state.progress !== undefined ? progress(state.progress) : null,
-        state.engine_message ? h("p.sg-small", null, state.engine_message) : null,
+        state.engine_message && tellsEngine(state) ? h("p.sg-small", null, state.engine_message) : null,
         judgement ? judged(judgement) : null,
         trouble ? h("p.sg-note", null, trouble) : null,
         (state.tasks || []).length ? h("p.sg-small", null, "Created from it: " + state.tasks.map(function (each) { return each.name; }).join(", ") + ".") : null,
@@ -79,6 +79,7 @@
 
     function judged(judgement) {
       return h("div.sg-judgement", null,
+        judgement.message ? h("p", null, judgement.message) : null,
         h("ul.sg-lines", null, judgement.reasons.map(function (reason) { return h("li", null, reason); })),
         judgement.tasks.length ? h("div.sg-tasks", null, judgement.tasks.map(function (each) {
           return h("section.sg-task", null, h("h6", null, each.name, " ", h("small", null, plural(each.frames, "frame"))),
@@ -130,6 +131,11 @@
 
     ask();
     return { update: update, close: close };
+  }
+
+  /* Where the long work would run matters only to who may start it, or waits for it. */
+  function tellsEngine(state) {
+    return state.state === "working" || state.actions.indexOf("prepare") >= 0 || state.actions.indexOf("split") >= 0;
   }
 
   function formOpen(element) {

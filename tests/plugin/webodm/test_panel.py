@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List
 
 import pytest
-
-from sensorgate.stages.errors import FrameError
-from sensorgate.stages.frame import Frame
 from sensorgate.stages.read import frame_from_header, read_frame
+
 from tests.simulator.run import render
 
 from .panel_browser import CHROMIUM, Browser
-from .panel_server import NAME, PROJECT, PUBLIC, Dashboard, Refused
+from .panel_server import NAME, Dashboard, Refused
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 
@@ -316,7 +314,8 @@ def test_the_verdict_comes_while_a_thousand_large_files_are_still_read(
     sent = dashboard.sent_bytes("/api/plugins/")
     longest = max(browser.run("gaps"))
     print(
-        f"sent {100 * sent / total:.3f} %, first verdict {first:.1f} s, all {whole:.1f} s, longest pause {longest:.0f} ms"
+        f"sent {100 * sent / total:.3f} %, first verdict after {first:.1f} s, all after {whole:.1f} s, "
+        f"longest pause {longest:.0f} ms"
     )
     assert sent <= 0.01 * total
     assert dashboard.verdicts[0]["files"] < len(files) == dashboard.verdicts[-1]["files"]
