@@ -118,8 +118,8 @@
 
   Check.prototype.post = function (path, body) {
     var self = this;
-    return sensorgate.requests.persist("POST", sensorgate.api + path, { json: body, signal: this.signal }, TRIES, function () {
-      self.message = "The connection is slow or broken. Trying again…";
+    return sensorgate.requests.persist("POST", sensorgate.api + path, { json: body, signal: this.signal }, TRIES, function (error) {
+      self.message = (error.status === 429 ? error.message : "The connection is slow or broken.") + " Trying again…";
       self.changed();
     }).then(function (answer) {
       self.message = "";

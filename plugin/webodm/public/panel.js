@@ -26,7 +26,7 @@
       }
       if (!check) check = new sensorgate.Check(project, draw);
       // All of them: the form itself only hands on those that were chosen last.
-      check.add(item && item.dropzone ? item.dropzone.files : []);
+      check.add(item && item.dropzone ? item.dropzone.files.filter(isWaiting) : []);
       check.add(props.getFiles ? props.getFiles() : []);
       draw();
     }
@@ -85,7 +85,7 @@
           + " not sent with the suggested tasks.");
       }
       if (check.hold === "hold" && verdict.verdict !== "consistent") {
-        told.push("On this server a task that mixes cameras like this is held: it waits in the task list until somebody decides.");
+        told.push("Uploaded as one task, these files would be held on this server: the task waits in the list until somebody decides.");
       }
       if (trouble) told.push(trouble);
       return told.map(function (text) { return h("p.sg-note", null, text); });
@@ -133,9 +133,25 @@
       if (buttons.length) buttons[buttons.length - 1].focus();
     }
 
-    function baseName() {
+    function nameField() {
       var form = element.closest(".new-task-panel");
-      var field = form ? form.querySelector(".edit-task-form input[type=text]") : null;
+      return form ? form.querySelector(".edit-task-form input[type=text]") : null;
+    }
+
+    /* The form tells of a new name, but not of new tags or a drawn boundary: a name that is typed and taken back
+       makes it tell all. */
+    function refreshInfo() {
+      var field = nameField();
+      if (!field) return;
+      var write = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set, value = field.value;
+      [value + " ", value].forEach(function (text) {
+        write.call(field, text);
+        field.dispatchEvent(new Event("input", { bubbles: true }));
+      });
+    }
+
+    function baseName() {
+      var field = nameField();
       return (field && (field.value || field.placeholder)) || (props.taskInfo || {}).name || "Task";
     }
 
@@ -146,6 +162,7 @@
     function start() {
       if (started || check.phase !== "ready" || !check.verdictFinal) return;
       try {
+        refreshInfo();
         var order = {
           project: project, session: check.session, name: baseName(), info: props.taskInfo || {},
           tasks: check.verdict.tasks.map(function (task) { return ordered(task, check.files); })
@@ -167,6 +184,11 @@
 
     update(props);
     return { update: update, close: close };
+  }
+
+  /* Files of an upload before this one may still be in the form's list. */
+  function isWaiting(file) {
+    return ["success", "canceled", "error"].indexOf(file.status) < 0;
   }
 
   function sizeOf(tasks, files) {

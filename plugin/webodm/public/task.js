@@ -96,7 +96,7 @@
       var labels = {
         check: state.state === "none" ? "Check its cameras" : "Check again",
         split: splitLabel(judgement),
-        judge: task.status === FAILED_STATUS ? "Why did it fail?" : "Judge the result",
+        judge: judgement ? "Judge again" : task.status === FAILED_STATUS ? "Why did it fail?" : "Judge the result",
         prepare: "Prepare on this server",
         override: "Let it go as it is"
       };

@@ -170,6 +170,22 @@ def test_choices_change_the_tasks_and_can_be_taken_back(
     assert not dashboard.tasks and not browser.errors
 
 
+def test_what_was_filled_in_above_goes_along(browser: Browser, dashboard: Dashboard, survey: List[Path]) -> None:
+    checked(browser, dashboard, folders(survey, "p4p"))
+    browser.run(
+        "dashboard.info = { selectedNode: { key: '3', id: 3 }, tags: ['mine'], alignTo: 'auto', resizeMode: 0,"
+        " options: [{ name: 'dsm', value: true }, { name: 'fast-orthophoto', value: false }] }; 0"
+    )
+    browser.run("document.querySelector('.edit-task-form input').value = 'West'; 0")
+    browser.run(CREATE)
+    browser.wait(f"{DOCK}.includes('The task is started')")
+    (task,) = dashboard.tasks.values()
+    assert task["name"] == "West" and task["tags"][0] == "mine" and "sensorgate" in task["tags"]
+    assert task["processing_node"] == 3 and task["auto_processing_node"] is False
+    assert {"name": "dsm", "value": True} in task["options"] and all(o["value"] for o in task["options"])
+    assert "align_to" not in task and "resize_to" not in task
+
+
 def test_a_broken_line_loses_nothing(
     browser: Browser, dashboard: Dashboard, survey: List[Path], tmp_path: Path
 ) -> None:
@@ -249,6 +265,14 @@ def test_files_that_cannot_be_read_are_named(
     assert "4 files are left out" in said and "EMPTY.JPG" in said and "1 other file" in said
     assert browser.run("document.title") == "Dashboard"
     assert not browser.errors
+
+
+def test_nothing_readable_is_said_plainly(browser: Browser, dashboard: Dashboard, tmp_path: Path) -> None:
+    (tmp_path / "NOTES.JPG").write_bytes(b"this is a shopping list\n" * 40)
+    opened(browser, dashboard, [tmp_path / "NOTES.JPG"])
+    browser.wait("document.body.innerText.includes('None of these files can be read')")
+    assert "1 file is left out" in browser.text()
+    assert not browser.run("document.querySelector('[data-key=create]') !== null")
 
 
 def test_without_its_server_the_form_still_works(browser: Browser, dashboard: Dashboard, survey: List[Path]) -> None:
