@@ -103,6 +103,8 @@ def check_task(task_id: str) -> Dict[str, Any]:
     record = records.load(task_id)
     if task is None or record is None:
         return {"output": "gone"}
+    if record["state"] in (records.OVERRIDDEN, records.SPLIT):
+        return {"output": record["state"]}  # somebody was quicker
     with alone(task_id) as mine:
         if not mine:
             return {"output": "somebody is at it"}

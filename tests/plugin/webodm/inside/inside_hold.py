@@ -1,0 +1,250 @@
+"""No task reaches a node before it was looked at, whatever way it comes."""
+
+import importlib
+import os
+import shutil
+
+import pytest
+from app.models import Plugin, Project, Task
+from app.pending_actions import RESTART
+from app.plugins import GlobalDataStore
+from app.plugins.signals import task_removed
+from app.plugins.worker import waiting, work
+from conftest import FOLDER
+from django.contrib.auth.models import Permission, User
+from nodeodm.models import ProcessingNode
+from worker.tasks import processed
+
+webodm = f"plugins.{FOLDER}.plugin.webodm"
+records = importlib.import_module(f"{webodm}.records")
+home = importlib.import_module(f"{webodm}.home")
+tasks = importlib.import_module(f"{webodm}.tasks")
+
+
+def mode(value):
+    GlobalDataStore(FOLDER).set_string("hold", value)
+
+
+@pytest.fixture
+def project():
+    return Project.objects.create(name="Fields", owner=User.objects.create_user("owner"))
+
+
+def uploaded(project, files, **values):
+    """A task as WebODM creates it in one request."""
+    task = Task.objects.create(project=project)
+    os.makedirs(task.task_path())
+    for number, file in enumerate(files):
+        shutil.copy(file, task.task_path(f"{number:03d}_{file.name}"))
+    for name, value in values.items():
+        setattr(task, name, value)
+    task.images_count = len(files)
+    task.save()
+    return task
+
+
+def again(task):
+    return Task.objects.get(pk=task.pk)
+
+
+def ready(task):
+    task = again(task)
+    return task.auto_processing_node or task.processing_node_id is not None
+
+
+def test_off_leaves_tasks_alone(project, frames):
+    task = uploaded(project, frames["one"])
+    assert ready(task) and not waiting and records.load(task.pk) is None
+
+
+def test_a_disabled_plugin_holds_nothing(project, frames):
+    mode("hold")
+    Plugin.objects.all().update(enabled=False)
+    assert ready(uploaded(project, frames["one"]))
+
+
+def test_report_looks_and_does_not_hold(project, frames):
+    mode("report")
+    task = uploaded(project, frames["one"])
+    assert ready(task)
+    work()
+    record = records.load(task.pk)
+    assert record["state"] == "released" and record["verdict"]
+    assert (home.task_folder(task) / "report.json").is_file()
+    assert str(task.task_path()) not in (home.task_folder(task) / "report.json").read_text()
+
+
+def test_hold_lets_one_camera_go_with_what_the_user_wanted(project, frames):
+    mode("hold")
+    node = ProcessingNode.objects.create(hostname="n")
+    task = uploaded(project, frames["one"], processing_node=node, auto_processing_node=False)
+    assert not ready(task) and again(task).last_error.startswith("Waiting")
+    work()
+    task = again(task)
+    assert task.processing_node_id == node.pk and not task.auto_processing_node and task.last_error is None
+    assert processed == [str(task.pk)]
+    task.auto_processing_node = True
+    task.save()
+    assert ready(task), "what was let go stays so"
+
+
+def test_hold_takes_two_cameras_apart_and_keeps_the_files(project, frames):
+    mode("hold")
+    task = uploaded(project, frames["one"] + frames["two"], options=[{"name": "dsm", "value": True}])
+    work()
+    task = again(task)
+    new = [Task.objects.get(pk=t["id"]) for t in records.load(task.pk)["tasks"]]
+    assert len(new) == 2 and task.status == 50 and not ready(task)
+    assert len(task.scan_images()) == task.images_count
+    assert sum(t.images_count for t in new) == task.images_count
+    assert all(ready(t) and not t.partial and {"name": "dsm", "value": True} in t.options for t in new)
+    assert sorted(processed) == sorted(str(t.pk) for t in new)
+    assert all(t.project_id == task.project_id and "sensorgate" in t.tags for t in new)
+
+
+def test_hold_keeps_back_what_is_useless_and_says_why(project, tmp_path):
+    mode("hold")
+    for name in ("a.jpg", "b.jpg"):
+        (tmp_path / name).write_bytes(b"no image")
+    task = uploaded(project, [tmp_path / "a.jpg", tmp_path / "b.jpg"])
+    work()
+    assert records.load(task.pk)["state"] == "held" and "none of these files" in again(task).last_error
+    assert not processed
+
+
+def test_no_way_around_it(project, frames):
+    mode("hold")
+    task = Task.objects.create(project=project, partial=False)
+    task.partial = True
+    task.save()
+    assert not ready(task), "an open upload has no node to be sent to"
+    os.makedirs(task.task_path())
+    shutil.copy(frames["one"][0], task.task_path("a.jpg"))
+    edited = again(task)
+    edited.processing_node = ProcessingNode.objects.create(hostname="n")
+    edited.images_count = 1
+    edited.save()
+    assert not ready(task) and not waiting
+    edited.partial = False
+    edited.save()
+    assert not ready(task) and len(waiting) == 1
+    restarted = again(task)
+    restarted.pending_action = RESTART
+    restarted.auto_processing_node = True
+    restarted.save()
+    assert not ready(task) and again(task).pending_action is None
+    mode("off")
+    late = again(task)
+    late.auto_processing_node = True
+    late.save()
+    assert not ready(task), "it still waits to be given back what it wanted"
+    work()
+    assert ready(task)
+
+
+def test_a_fault_in_the_hold_ends_the_saving(project, frames, monkeypatch):
+    mode("hold")
+
+    def broken(*_):
+        raise RuntimeError("no database")
+
+    monkeypatch.setattr(records, "load", broken)
+    task = Task(project=project, images_count=3)
+    with pytest.raises(RuntimeError):
+        task.save()
+    assert not Task.objects.filter(pk=task.pk).exists()
+
+
+def test_a_fault_in_the_look_keeps_the_task_back(project, frames, monkeypatch):
+    mode("hold")
+    task = uploaded(project, frames["one"])
+    checking = importlib.import_module(f"{webodm}.checking")
+
+    def broken(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(checking, "look", broken)
+    work()
+    assert records.load(task.pk)["state"] == "held" and not ready(task) and not processed
+
+
+def test_a_split_that_fails_leaves_nothing_behind(project, frames, monkeypatch):
+    mode("hold")
+    task = uploaded(project, frames["one"] + frames["two"])
+    count = []
+
+    def link(source, target):
+        count.append(source)
+        if len(count) > len(frames["one"]) + 1:
+            raise OSError("disk full")
+        shutil.copy(source, target)
+
+    monkeypatch.setattr(tasks, "link", link)
+    work()
+    assert Task.objects.count() == 1 and records.load(task.pk)["state"] == "held"
+
+
+def test_a_node_with_the_adapter_is_asked_to_harmonize(project, frames):
+    mode("hold")
+    ProcessingNode.objects.create(hostname="plain")
+    node = ProcessingNode.objects.create(
+        hostname="adapter", queue_count=3, available_options=[{"name": "mixed-sensor-policy"}]
+    )
+    task = uploaded(project, frames["one"])
+    work()
+    task = again(task)
+    assert task.processing_node_id == node.pk and {"name": "mixed-sensor-policy", "value": "auto"} in task.options
+
+
+def test_a_worker_that_died_is_replaced(project, frames, monkeypatch):
+    mode("hold")
+    state = importlib.import_module(f"{webodm}.state")
+    task = uploaded(project, frames["one"])
+    waiting.clear()
+    state.state_of(task, project.owner)
+    assert not waiting
+    monkeypatch.setattr(records, "STALE_S", -1.0)
+    state.state_of(task, project.owner)
+    assert len(waiting) == 1
+
+
+def test_override_is_a_permission(project, frames):
+    boss = User.objects.create_user("boss")
+    assert not home.may_override(boss)
+    boss.user_permissions.add(Permission.objects.get(codename=home.OVERRIDE))
+    assert home.may_override(User.objects.get(pk=boss.pk))
+    mode("hold")
+    task = uploaded(project, frames["one"] + frames["two"])
+    tasks.release(again(task), records.OVERRIDDEN, "by boss")
+    assert ready(task) and records.load(task.pk)["state"] == "overridden"
+    work()
+    assert records.load(task.pk)["state"] == "overridden" and Task.objects.count() == 1
+
+
+def test_a_task_that_is_gone_leaves_no_record(project, frames):
+    mode("hold")
+    task = uploaded(project, frames["one"])
+    task_removed.send_robust(sender=Task, task_id=task.pk)
+    assert records.load(task.pk) is None
+
+
+def test_a_failed_task_of_two_cameras_is_judged_and_laid_on_the_anchor(project, frames):
+    judging = importlib.import_module(f"{webodm}.judging")
+    checking = importlib.import_module(f"{webodm}.checking")
+    anchor = Task.objects.create(
+        project=project, name="done", status=40, images_count=9, available_assets=["georeferenced_model.laz"]
+    )
+    os.makedirs(anchor.assets_path())
+    open(anchor.assets_path("model.laz"), "w").close()
+    task = uploaded(project, frames["one"] + frames["two"], status=30)
+    inspection, proposal = checking.look(task)
+    judgement = judging.with_gate(judging.judge_task(task), inspection, proposal)
+    parts = judging.parts_of(task, judgement, inspection, proposal)
+    told = judging.remember(task, judgement, parts)["judgement"]
+    assert told["route"] == "isolate" and len(told["tasks"]) == 2 and told["anchor"]["id"] == str(anchor.pk)
+    from pathlib import Path
+
+    tasks.split(task, [(Path(task.task_path()), part) for part in parts], tasks.anchor_for(task))
+    new = Task.objects.filter(status=None)
+    assert new.count() == 2 and all("align.laz" in t.scan_images() for t in new)
+    assert again(task).status == 30
