@@ -192,10 +192,10 @@
       if (length > self.limits.file_bytes) self.giveUp(id, "Its header is too large to be checked.");
       else self.put(id, ranges, Math.ceil(length * 4 / 3) + 200);
       self.goOn();
-    }, function () {
+    }, function (error) {
       if (signal !== self.signal) return;
       self.reading -= 1;
-      self.giveUp(id, "The file cannot be read. Is the card still in?");
+      self.giveUp(id, error.cut ? error.message : "The file cannot be read. Is the card still in?");
       self.goOn();
     });
   };

@@ -17,6 +17,7 @@
   var MOST_STRIPS = 65536;
   var MOST_STEPS = 4096;
   var STRAY_BYTES = 64 * 1024;
+  var SEARCH_BYTES = 1024 * 1024;
   var SIZES = { 1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8 };
   var MAKER_NOTE = 0x927c, USER_COMMENT = 0x9286, XMP_PACKET = 700, EXIF_IFD = 0x8769, GPS_IFD = 0x8825, SUB_IFDS = 330;
   var SUBFILE_TYPE = 254, WIDTH = 256, HEIGHT = 257, STRIPS = [273, 279, 324, 325, 513, 514];
@@ -32,6 +33,7 @@
     this.size = size;
     this.parts = [];
     this.asked = [];
+    this.endless = null;
   }
   Bytes.prototype.add = function (offset, data) {
     this.parts.push({ offset: offset, end: offset + data.length, data: data });
@@ -92,7 +94,7 @@
 
   function walkJpeg(bytes) {
     var at = 2;
-    var extended = [];
+    var extended = [], shape = { blocks: 0, interval: 0 };
     for (var n = 0; n < MOST_SEGMENTS && at + 4 <= bytes.size; n++) {
       var head = bytes.want(at, Math.min(46, bytes.size - at));
       var marker = head[1];
@@ -105,7 +107,7 @@
       if (marker === 0xd8 || marker === 0xd9) return;
       var length = (head[2] << 8) | head[3];
       if (length < 2) return;
-      if (marker === 0xda) break;
+      if (marker === 0xda) return wantEnd(bytes, at, extended, shape);
       if (at + 2 + length > bytes.size) return;
       if (marker === 0xe1) {
         var body = head.subarray(4);
@@ -118,10 +120,23 @@
           extended.push([at + 39, length - 37]);
         }
       }
+      if (marker >= 0xc0 && marker <= 0xcf && marker !== 0xc4 && marker !== 0xc8 && marker !== 0xcc && !shape.blocks) {
+        shape.blocks = blocksOf(head);
+      } else if (marker === 0xdd) {
+        shape.interval = (head[4] << 8) | head[5];
+      }
       at += 2 + length;
     }
-    wantExtended(bytes, extended);
-    wantEnd(bytes, at);
+  }
+
+  /* In how many blocks the picture is coded (ITU-T T.81 A.2): what restart intervals count. */
+  function blocksOf(head) {
+    var height = (head[5] << 8) | head[6], width = (head[7] << 8) | head[8], channels = head[9], across = 1, down = 1;
+    for (var i = 11; channels > 1 && i < Math.min(10 + 3 * channels, head.length); i += 3) {
+      across = Math.max(across, head[i] >> 4);
+      down = Math.max(down, head[i] & 15);
+    }
+    return Math.ceil(width / (8 * across)) * Math.ceil(height / (8 * down));
   }
 
   /* Extended XMP is sent whole or, where it is larger than anybody reads, only by the head of each part. */
@@ -133,8 +148,9 @@
   }
 
   /* The end marker, wherever in the last 64 KB it stands: it says that the picture was copied whole. */
-  function wantEnd(bytes, dataStart) {
-    [2, 4096, 65536].some(function (span) {
+  function wantEnd(bytes, dataStart, extended, shape) {
+    wantExtended(bytes, extended);
+    var found = [2, 4096, 65536].some(function (span) {
       var offset = Math.max(dataStart, bytes.size - span);
       var data = bytes.look(offset, bytes.size - offset);
       for (var i = data.length - 2; i >= 0; i--) {
@@ -143,6 +159,29 @@
       if (span < 65536) bytes.asked.push([offset, bytes.size - offset]);
       return false;
     });
+    bytes.endless = found ? null : { start: dataStart, blocks: shape.blocks, interval: shape.interval };
+  }
+
+  /* Whether a picture without an end among its last bytes is whole: it ends further up, or every restart interval has
+     begun. The server cannot know, as it is not sent the picture. */
+  function isWhole(file, told) {
+    var restarts = 0, last = 0;
+    function from(offset) {
+      if (offset >= file.size) {
+        return Boolean(told.interval) && restarts >= Math.ceil(told.blocks / told.interval) - 1;
+      }
+      return slice(file, offset, SEARCH_BYTES).then(function (data) {
+        for (var i = 0; i < data.length; i++) {
+          if (last === 0xff) {
+            if (data[i] === 0xd9) return true;
+            if (data[i] >= 0xd0 && data[i] <= 0xd7) restarts += 1;
+          }
+          last = data[i];
+        }
+        return from(offset + SEARCH_BYTES);
+      });
+    }
+    return Promise.resolve(from(told.start));
   }
 
   function nextMarker(bytes, at) {
@@ -283,7 +322,8 @@
     }));
   }
 
-  /* The ranges that hold a file's metadata: a promise of [[offset, Uint8Array], ...], rejected where it cannot be read. */
+  /* The ranges that hold a file's metadata: a promise of [[offset, Uint8Array], ...], rejected where it cannot be read,
+     with `cut` where the picture breaks off. */
   function read(file) {
     var bytes = new Bytes(file.size);
     var steps = 0;
@@ -317,7 +357,15 @@
     return slice(file, 0, Math.min(HEAD_BYTES, file.size)).then(function (data) {
       bytes.add(0, data);
       return attempt();
-    }).then(function (ranges) { return Promise.all(ranges); });
+    }).then(function (ranges) { return Promise.all(ranges); }).then(function (ranges) {
+      if (!bytes.endless) return ranges;
+      return isWhole(file, bytes.endless).then(function (whole) {
+        if (whole) return ranges;
+        var error = new Error("The picture data breaks off: the file was not copied whole.");
+        error.cut = true;
+        throw error;
+      });
+    });
   }
 
   sensorgate.headers = { read: read, readRanges: readRanges };

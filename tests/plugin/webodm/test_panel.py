@@ -256,13 +256,15 @@ def test_files_that_cannot_be_read_are_named(
     (tmp_path / "EMPTY.JPG").write_bytes(b"")
     (tmp_path / "NOTES.JPG").write_bytes(b"this is a shopping list\n" * 40)
     (tmp_path / "CUT.JPG").write_bytes(good[0].read_bytes()[:300])
+    whole = good[0].read_bytes()
+    (tmp_path / "HALF.JPG").write_bytes(whole[: len(whole) * 2 // 3])
     (tmp_path / "FLIGHT.MP4").write_bytes(b"\0\0\0\x18ftypmp42")
     (tmp_path / "<img src=x onerror=document.title='owned'>.JPG").write_bytes(b"nothing")
     verdict = checked(browser, dashboard, [*good, *sorted(tmp_path.glob("*.*"))])
     assert len(verdict["left_out"]) == 4 and len(verdict["tasks"][0]["files"]) == len(good)
     browser.run("document.querySelector('[data-key=fold-left]').click()")
     said = browser.text()
-    assert "4 files are left out" in said and "EMPTY.JPG" in said and "1 other file" in said
+    assert "5 files are left out" in said and "breaks off" in said and "EMPTY.JPG" in said and "1 other file" in said
     assert browser.run("document.title") == "Dashboard"
     assert not browser.errors
 
