@@ -15,8 +15,9 @@ from ...stages.record import dumps, write_text
 from .. import pipeline
 from ..inspection import Inspection
 from . import home, preferences, records, tasks
-from .gathering import of_task
+from .gathering import of_session, of_task
 from .proposal import Proposal, propose
+from .sessions import Session
 from .verdict import headline
 
 LOG = logging.getLogger("app.logger")
@@ -95,6 +96,18 @@ def keep_report(folder: Path, inspection: Inspection) -> Dict[str, Any]:
     except MissingDependency as error:
         LOG.info("sensorgate: %s", error)
     return report
+
+
+def report_of(session: Session, user: Any) -> None:
+    """Write the report of what a session holds now, unless it is there. Raises ``SensorgateError``."""
+    gathered = session.gather()
+    seen = {"files": len(gathered.ids)}
+    if session.load("reported") == seen or not gathered.ids:
+        return
+    with preferences.settings_for(user) as settings:
+        inspection = of_session(gathered, settings, session.control("gcp"), session.control("geo"))
+    keep_report(session.folder, inspection)
+    session.keep("reported", seen)
 
 
 def check_task(task_id: str) -> Dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import logging
 import os
@@ -42,6 +43,9 @@ def main(work: str) -> int:
     folder = Path(work)
     logging.basicConfig(level=logging.INFO)
     result: Dict[str, Any]
+    lock = open(folder / "lock", "a")  # noqa: SIM115
+    # The child of a worker that was killed may still be at it: its work is taken up when it ends.
+    fcntl.flock(lock, fcntl.LOCK_EX)
     try:
         request = json.loads((folder / "request.json").read_text(encoding="utf-8"))
         os.chdir(request["images"])  # frames are called by their names alone

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 from pathlib import Path
 from typing import Any, Callable, Dict, List
 
-from . import home, preferences, records, sessions
+from ...stages.errors import SensorgateError
+from . import checking, home, preferences, records, sessions
 
 _MOST_TASKS = 200
 _STATES = {
@@ -128,6 +130,8 @@ def session_report(request: Any, plugin: Any, session: str) -> Any:
     found = sessions.find(home.temporary(), session, request.user.pk)
     if found is None:
         raise _not_found()
+    with contextlib.suppress(SensorgateError):
+        checking.report_of(found, request.user)
     return _frame(request, plugin, found.folder, "Report of the chosen files", "document")
 
 

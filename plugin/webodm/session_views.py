@@ -130,7 +130,6 @@ class Verdict(SessionView):
             raise Conflict("No file was read yet.")
         with preferences.settings_for(self.request.user) as settings:
             inspection = of_session(gathered, settings, session.control("gcp"), session.control("geo"))
-            checking.keep_report(session.folder, inspection)
         proposal = propose(inspection, choices)
         report = home.page(f"sessions/{session.id}/report")
         return verdict.words_for(inspection, proposal, choices, gathered.ids, report)
@@ -160,6 +159,7 @@ class Claim(SessionView):
             raise exceptions.NotFound()
         if not isinstance(data.get("key"), str) or len(data["key"]) > 200:
             raise exceptions.ValidationError({"detail": "key must be text."})
+        checking.report_of(found, request.user)
         folder = home.task_folder(task)
         for name in ("report.json", "report.html"):
             if (found.folder / name).is_file():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Dict, List, Optional
 
-from . import hold, home, preferences, preparing, records, tasks
+from . import hold, home, preferences, preparing, records, tasks, workers
 
 CHECK, OVERRIDE, SPLIT, JUDGE, PREPARE = "check", "override", "split", "judge", "prepare"
 ACTIONS = (CHECK, OVERRIDE, SPLIT, JUDGE, PREPARE)
@@ -15,8 +15,8 @@ NODE, WORKER, GATE = "node", "worker", "gate"
 def state_of(task: Any, user: Any) -> Dict[str, Any]:
     """The answer of the API: see ``api.py``. A worker that died is replaced on the way."""
     record = records.load(task.pk) or {"state": records.NONE}
-    if records.is_stale(record) and record["state"] in (records.WAITING, records.CHECKING):
-        hold.look_at(task.pk)
+    if records.is_stale(record):
+        _take_up(task, record)
     may_change = bool(user.has_perm("change_project", task.project))
     may_view = bool(user.has_perm("view_project", task.project))  # else it is a public task
     engine, said = engine_for(task)
@@ -33,6 +33,15 @@ def state_of(task: Any, user: Any) -> Dict[str, Any]:
         "engine": engine,
         "engine_message": said,
     }
+
+
+def _take_up(task: Any, record: Dict[str, Any]) -> None:
+    """Have another worker go on; noted first, so that the next one who asks does not do it again."""
+    records.change(task.pk, taken_up=record.get("taken_up", 0) + 1)
+    if record["state"] == records.WORKING:
+        workers.prepare(task.pk, int(record.get("by", 0)))
+    else:
+        hold.look_at(task.pk)
 
 
 def has_report(task: Any) -> bool:
@@ -57,7 +66,7 @@ def actions_for(task: Any, record: Dict[str, Any], user: Any) -> List[str]:
     if task.status in (None, _FAILED, _COMPLETED, _CANCELED) and not _left(record):
         if useful:
             found.append(SPLIT)
-        if (useful or record.get("verdict") == "inconsistent") and preparing.available():
+        if (useful or record.get("verdict") == "inconsistent") and engine_for(task)[0] == WORKER:
             found.append(PREPARE)
     return found
 
@@ -75,9 +84,10 @@ def engine_for(task: Any) -> "tuple[str, str]":
     if node is not None:
         return NODE, f"The processing node {node} harmonizes and aligns the images itself."
     lacking = preferences.missing()
-    if not lacking:
+    if preparing.available():
         return WORKER, "No node of yours has sensorgate; this server can harmonize and align the images."
+    absent = " and ".join(lacking) or "a Python that can be started"
     return GATE, (
-        f"No node of yours has sensorgate, and this server lacks {' and '.join(lacking)}: images are checked and "
+        f"No node of yours has sensorgate, and this server lacks {absent}: images are checked and "
         "sorted, but not harmonized or aligned."
     )

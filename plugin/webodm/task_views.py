@@ -95,7 +95,12 @@ def _judge(task: Any, user: Any, data: Mapping[str, Any]) -> None:
 def _prepare(task: Any, user: Any, data: Mapping[str, Any]) -> None:
     record = records.load(task.pk) or {"state": records.NONE}
     records.change(
-        task.pk, before=record["state"], state=records.WORKING, progress=0.0, message="Harmonizing on this server."
+        task.pk,
+        before=record["state"],
+        by=user.pk,
+        state=records.WORKING,
+        progress=0.0,
+        message="Harmonizing on this server.",
     )
     workers.prepare(task.pk, user.pk)
 

@@ -248,3 +248,14 @@ def test_a_failed_task_of_two_cameras_is_judged_and_laid_on_the_anchor(project, 
     new = Task.objects.filter(status=None)
     assert new.count() == 2 and all("align.laz" in t.scan_images() for t in new)
     assert again(task).status == 30
+
+
+def test_harmonizing_whose_worker_died_is_taken_up_once(project, frames, monkeypatch):
+    state = importlib.import_module(f"{webodm}.state")
+    task = uploaded(project, frames["one"])
+    records.change(task.pk, state="working", by=project.owner.pk)
+    stored = records.load(task.pk)
+    GlobalDataStore(FOLDER).set_json(f"task::{task.pk}", {**stored, "at": stored["at"] - 1000})
+    state.state_of(task, project.owner)
+    state.state_of(task, project.owner)
+    assert [call[1] for call in waiting] == ["run_prepare"]
