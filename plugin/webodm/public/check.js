@@ -5,7 +5,8 @@
 
   var READERS = 6;
   var SENDERS = 3;
-  var FIRST_BATCH_FILES = 16;
+  var FIRST_RUNS = 8;
+  var FIRST_RUN_FILES = 6;
   var BATCH_SHARE = 0.9;
   var TRIES = 6;
   var MOST_ROUNDS = 16;
@@ -49,6 +50,7 @@
     this.cameras = [];
     this.unread = [];
     this.verdict = null;
+    this.verdictWhole = false;
     this.verdictFinal = false;
     this.asking = false;
     this.lastAsked = 0;
@@ -63,12 +65,21 @@
       self.known.add(file);
       self.files.push(file);
     });
-    for (var id = before; id < this.files.length; id++) this.sort(id);
     if (this.files.length === before) return;
     this.revision += 1;
+    this.verdictWhole = false;
+    if (this.phase === "failed") return this.restart();
+    this.sortFrom(before);
     if (!this.session && this.phase !== "opening") this.open();
     else this.goOn();
     this.changed();
+  };
+
+  Check.prototype.sortFrom = function (first) {
+    var waiting = this.queue;
+    this.queue = [];
+    for (var id = first; id < this.files.length; id++) this.sort(id);
+    this.queue = waiting.concat(spread(this.queue));
   };
 
   Check.prototype.sort = function (id) {
@@ -97,7 +108,7 @@
     this.signal = new sensorgate.requests.Signal();
     clearTimeout(this.timer);
     this.reset();
-    for (var id = 0; id < this.files.length; id++) this.sort(id);
+    this.sortFrom(0);
     this.open();
     this.changed();
   };
@@ -210,7 +221,7 @@
     var waiting = this.batch.reduce(function (sum, entry) { return sum + entry.size; }, 0);
     if (this.batch.length && waiting + size > BATCH_SHARE * this.limits.batch_bytes) this.closeBatch();
     this.batch.push({ id: id, ranges: ranges, size: size });
-    var most = this.sentBatches ? this.limits.batch_files : Math.min(FIRST_BATCH_FILES, this.limits.batch_files);
+    var most = this.sentBatches ? this.limits.batch_files : Math.min(FIRST_RUNS * FIRST_RUN_FILES, this.limits.batch_files);
     if (this.batch.length >= most) this.closeBatch();
   };
 
@@ -288,12 +299,13 @@
 
   Check.prototype.ask = function () {
     if (this.asking) return;
-    var self = this, signal = this.signal, revision = this.revision, began = performance.now();
+    var self = this, signal = this.signal, revision = this.revision, chosen = this.files.length, began = performance.now();
     var whole = this.phase === "judging";
     function final() { return whole && revision === self.revision; }
     this.asking = true;
     this.post("sessions/" + this.session + "/verdict", this.choices).then(function (answer) {
       self.verdict = answer;
+      self.verdictWhole = whole && chosen === self.files.length;
       self.asked(began, final());
     }).catch(function (error) {
       if (error.stopped || signal !== self.signal) return;
@@ -311,6 +323,17 @@
     this.goOn();
     this.changed();
   };
+
+  /* Short runs from all over the list first: cards are chosen folder by folder, and the first verdict shall know of
+     every camera. Runs, because the bands of a capture lie side by side. */
+  function spread(ids) {
+    var step = Math.floor(ids.length / FIRST_RUNS), first = [], rest = [];
+    ids.forEach(function (id, index) {
+      var early = step > FIRST_RUN_FILES && index % step < FIRST_RUN_FILES && index < step * FIRST_RUNS;
+      (early ? first : rest).push(id);
+    });
+    return first.concat(rest);
+  }
 
   /* Masks go by their name alone: nobody looks into them. */
   function isSent(file) {

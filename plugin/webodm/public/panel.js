@@ -42,7 +42,7 @@
       var working = check.phase !== "ready" && check.phase !== "failed";
       bar.hidden = !working;
       bar.firstChild.style.width = (check.images ? Math.round(100 * check.done / check.images) : 0) + "%";
-      act.busy = check.phase !== "ready" && check.phase !== "judging";
+      act.busy = !check.verdictWhole;
       body.setAttribute("aria-busy", String(working));
       sensorgate.dom.redraw(body, hidden ? shortened() : content());
     }
@@ -55,6 +55,10 @@
           button("Check again", "btn-default", function () { check.restart(); }));
       }
       if (!verdict) return [views.cameras(check.cameras), views.leftOut(check.unread, act)];
+      if (act.busy) {
+        return [views.headline(verdict, true), views.comparison(verdict), views.cameras(verdict.cameras),
+          views.leftOut(check.unread, act), buttons(verdict)];
+      }
       var left = verdict.left_out.concat(check.unread.filter(function (each) {
         return !verdict.left_out.some(function (told) { return told.id === each.id; });
       }));
@@ -73,7 +77,7 @@
 
     function shortened() {
       return [
-        check.verdict ? views.headline(check.verdict) : null,
+        check.verdict ? views.headline(check.verdict, act.busy) : null,
         h("div.sg-buttons", null, button("Show the suggestion", "btn-default", function () { hidden = false; drawNow(); }))
       ];
     }
@@ -97,7 +101,7 @@
       var size = ready ? " " + sensorgate.dom.bytes(sizeOf(verdict.tasks, check.files)) : "";
       var label = (verdict.tasks.length === 1 ? "Create the task" : "Create " + plural(verdict.tasks.length, "task")) + " and upload" + size;
       return h("div.sg-buttons.sg-act.theme-background-highlight", null,
-        verdict.tasks.length ? button(label, "btn-primary", start, !ready, "create") : null,
+        verdict.tasks.length ? button(act.busy ? "Still reading…" : label, "btn-primary", start, !ready, "create") : null,
         button("Go on as before", "btn-default", asBefore, false, "before"),
         chosen ? button("Back to the suggestion", "btn-default", function () { choose({ off: [], moves: {} }); }, act.busy, "reset") : null,
         verdict.report && ready ? h("a", { href: verdict.report, target: "_blank", rel: "noopener" }, "Full report") : null);

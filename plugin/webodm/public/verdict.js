@@ -7,7 +7,7 @@
   var SPECTRA = { rgb: "colour", multispectral: "multispectral", thermal: "thermal" };
   var SEVERITIES = { error: "Problem", warning: "Warning", info: "Note" };
   var VERDICTS = { consistent: "good", inconsistent: "note", blocked: "bad" };
-  var MARKS = { good: "✓", note: "!", bad: "✕" };
+  var MARKS = { good: "✓", note: "!", bad: "✕", open: "…" };
   var NOT_SENT = "";
 
   function spectrum(name) {
@@ -18,9 +18,10 @@
     return String(Number(Number(value).toFixed(digits)));
   }
 
-  function headline(verdict) {
-    var look = VERDICTS[verdict.verdict] || "note";
-    return h("p.sg-headline", null, h("span.sg-mark.sg-look-" + look, { "aria-hidden": "true" }, MARKS[look]), h("strong", null, verdict.headline));
+  /* `soFar`: the verdict on a part of the files, which is no reason for green or red yet. */
+  function headline(verdict, soFar) {
+    var look = soFar ? "open" : VERDICTS[verdict.verdict] || "note";
+    return h("p.sg-headline", null, h("span.sg-mark.sg-look-" + look, { "aria-hidden": "true" }, MARKS[look]), h("strong", null, (soFar ? "So far: " : "") + verdict.headline));
   }
 
   /* One row for each camera of one picture size: the lenses of a rig are one camera to who flies it. */
