@@ -36,7 +36,7 @@ def before_save(sender: Any, instance: Any, raw: bool = False, **_: Any) -> None
     if raw or not awaits_submission(instance):
         return
     record = records.load(instance.pk)
-    if record is not None and record["state"] in records.PASSED:
+    if record is not None and record.get("passed"):
         return
     if not _holds(record):
         return
@@ -51,7 +51,8 @@ def before_save(sender: Any, instance: Any, raw: bool = False, **_: Any) -> None
     # The first wish counts as it is; later only one that asks for something, for we took the node away ourselves.
     asks = "wish" not in known or wish["auto"] or wish["node"] is not None
     if asks and known.get("wish") != wish:
-        known = records.keep(instance.pk, {**known, "wish": wish})
+        first = {} if "wish" in known else {"state": records.UPLOADING}
+        known = records.keep(instance.pk, {**known, **first, "wish": wish})
     instance.auto_processing_node = False
     instance.processing_node = None
     instance.status = None

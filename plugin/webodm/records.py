@@ -10,8 +10,6 @@ from . import home
 NONE = "none"
 UPLOADING, WAITING, CHECKING, HELD = "uploading", "waiting", "checking", "held"
 RELEASED, SPLIT, OVERRIDDEN, WORKING, FAILED = "released", "split", "overridden", "working", "failed"
-# A task in one of these is not stopped any more.
-PASSED = frozenset((RELEASED, OVERRIDDEN, WORKING))
 # In one of these nobody works on it unless a worker says so now and then.
 BUSY = frozenset((WAITING, CHECKING, WORKING))
 # A worker that has said nothing for so long is gone.

@@ -53,11 +53,13 @@ def actions_for(task: Any, record: Dict[str, Any], user: Any) -> List[str]:
     """What a user who may change the project may do with the task now."""
     state = record["state"]
     if task.partial or (state in records.BUSY and not records.is_stale(record)):
-        return [OVERRIDE] if record.get("holds") and home.may_override(user) else []
+        held = "wish" in record and not record.get("passed") and not task.partial
+        return [OVERRIDE] if held and home.may_override(user) else []
     if not task.images_count or task.compacted:
         return []
-    found = [CHECK]
-    if record.get("holds") and home.may_override(user):
+    # What was taken apart is not looked at again while its parts are there: it would be taken apart twice.
+    found = [] if state == records.SPLIT and _left(record) else [CHECK]
+    if "wish" in record and not record.get("passed") and home.may_override(user):
         found.append(OVERRIDE)
     if task.status in (_FAILED, _COMPLETED):
         found.append(JUDGE)

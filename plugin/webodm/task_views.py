@@ -11,7 +11,9 @@ from rest_framework.response import Response
 from rest_framework.views import APIView
 
 from . import checking, home, judging, records, state, tasks, workers
-from .views import Conflict, plainly
+from .views import Conflict, bound, plainly
+
+_MOST_BODY = 65536
 
 
 class TaskView(APIView):
@@ -45,6 +47,12 @@ class TaskAction(TaskView):
 
     permission_classes = (permissions.IsAuthenticated,)
 
+    def initial(self, request: Any, *args: Any, **kwargs: Any) -> None:
+        """Refuse a body that is too large before it is read."""
+        super().initial(request, *args, **kwargs)
+        if request.method == "POST":
+            bound(request, _MOST_BODY)
+
     @plainly
     def post(self, request: Any, project: str = "", task: str = "", action: str = "") -> Response:
         """Do what the state offers, for who may change the project, public tasks included."""
@@ -64,7 +72,8 @@ class TaskAction(TaskView):
 
 def _check(task: Any, user: Any, data: Mapping[str, Any]) -> None:
     record = records.load(task.pk) or {}
-    records.change(task.pk, state=records.WAITING if record.get("holds") else records.CHECKING, progress=None)
+    holds = "wish" in record and not record.get("passed")
+    records.change(task.pk, state=records.WAITING if holds else records.CHECKING, holds=holds, progress=None)
     workers.check(task.pk)
 
 

@@ -55,7 +55,7 @@ def release(task: Any, state: str, message: str, options: Sequence[Mapping[str, 
     node = policy_node(task, wish) if state == records.RELEASED and (wish["auto"] or wish["node"]) else None
     if node is not None:
         ours.append({"name": POLICY_OPTION, "value": "auto"})
-    records.change(task.pk, state=state, message=message, holds=False, progress=None, **more)
+    records.change(task.pk, state=state, message=message, holds=False, passed=True, progress=None, **more)
     if wish["node"] is not None:
         task.processing_node = ProcessingNode.objects.filter(pk=wish["node"]).first()
     elif node is not None:
@@ -131,7 +131,7 @@ def _create(model: Any, task: Any, folder: Path, part: Proposed, wish: Mapping[s
         resize_to=task.resize_to,
         tags=" ".join(dict.fromkeys([*(task.tags or "").split(), *part.tags])),
     )
-    records.keep(new.pk, {"state": records.RELEASED, "message": "", "from": str(task.pk)})
+    records.keep(new.pk, {"state": records.RELEASED, "passed": True, "message": "", "from": str(task.pk)})
     try:
         new.save()
         new.create_task_directories()

@@ -55,15 +55,7 @@ class View(APIView):
         """Refuse a body that is too large before it is read."""
         super().initial(request, *args, **kwargs)
         if request.method == "POST":
-            try:
-                length = int(request.META.get("CONTENT_LENGTH") or 0)
-            except ValueError:
-                raise exceptions.ParseError("Content-Length is no number.") from None
-            if length <= 0:
-                raise exceptions.ParseError("A request needs a body with its Content-Length.")
-            if length > self.most_body:
-                raise TooLarge()
-            _charge(request.user, length)
+            bound(request, self.most_body)
 
     def body(self) -> Mapping[str, Any]:
         """The JSON object that was sent."""
@@ -71,6 +63,19 @@ class View(APIView):
         if not isinstance(data, dict):
             raise exceptions.ParseError("The body must be a JSON object.")
         return data
+
+
+def bound(request: Any, most: int) -> None:
+    """Refuse a body of unknown or too large size, and count it for its user."""
+    try:
+        length = int(request.META.get("CONTENT_LENGTH") or 0)
+    except ValueError:
+        raise exceptions.ParseError("Content-Length is no number.") from None
+    if length <= 0:
+        raise exceptions.ParseError("A request needs a body with its Content-Length.")
+    if length > most:
+        raise TooLarge()
+    _charge(request.user, length)
 
 
 def _charge(user: Any, size: int) -> None:

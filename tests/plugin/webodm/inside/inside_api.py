@@ -197,6 +197,7 @@ def test_a_public_task_is_seen_and_not_touched(people):
         assert people["nobody"].post(base + action, {}).status_code in (401, 403)
         assert people["other"].post(base + action, {}).status_code == 404
         assert people["viewer"].post(base + action, {}).status_code == 404
+    assert people["owner"].post(base + "judge", {"x": "y" * 100_000}).status_code == 413
     Task.objects.filter(pk=task.pk).update(public=False)
     assert people["other"].get(base + "state").status_code == 404
     assert people["owner"].get(f"projects/{people['project'].pk + 1}/tasks/{task.pk}/state").status_code == 404

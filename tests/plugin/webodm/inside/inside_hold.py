@@ -259,3 +259,25 @@ def test_harmonizing_whose_worker_died_is_taken_up_once(project, frames, monkeyp
     state.state_of(task, project.owner)
     state.state_of(task, project.owner)
     assert [call[1] for call in waiting] == ["run_prepare"]
+
+
+def test_a_look_or_a_split_is_no_way_around_it(project, frames):
+    views = importlib.import_module(f"{webodm}.task_views")
+    state = importlib.import_module(f"{webodm}.state")
+    idle = uploaded(project, frames["one"] + frames["two"], auto_processing_node=False)
+    mode("hold")
+    views._check(idle, project.owner, {})
+    work()
+    assert records.load(idle.pk)["state"] == "released"
+    late = again(idle)
+    late.auto_processing_node = True
+    late.save()
+    assert not ready(idle) and len(waiting) == 1
+    work()
+    assert records.load(idle.pk)["state"] == "split" and not ready(idle)
+    assert "check" not in state.actions_for(again(idle), records.load(idle.pk), project.owner)
+    revived = again(idle)
+    revived.status = None
+    revived.processing_node = ProcessingNode.objects.create(hostname="n")
+    revived.save()
+    assert not ready(idle) and not waiting
