@@ -68,7 +68,7 @@ class Beat:
         if now - self._told < _BEAT_S:
             return
         self._told = now
-        cache.touch(f"{home.NAME}-at-{self._task}", records.STALE_S)
+        cache.touch(f"{home.NAME}-at-{self._task}", records.CLAIM_S)
         share = min(1.0, done / total) if total else None
         record = records.load(self._task)
         if record is not None and record["state"] in records.BUSY:
@@ -172,7 +172,7 @@ def alone(task_id: Any) -> Iterator[bool]:
     from django.core.cache import cache
 
     key = f"{home.NAME}-at-{task_id}"
-    mine = bool(cache.add(key, 1, records.STALE_S))
+    mine = bool(cache.add(key, 1, records.CLAIM_S))
     try:
         yield mine
     finally:

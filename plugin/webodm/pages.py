@@ -92,7 +92,7 @@ def _history(user: Any) -> List[Dict[str, Any]]:
             {
                 "name": task.name or "unnamed",
                 "project": task.project.name,
-                "state": _STATES[record["state"]],
+                "state": "created from another" if record.get("from") else _STATES[record["state"]],
                 "message": record.get("headline") or record.get("message") or "",
                 "report": home.page(f"tasks/{task.pk}/report") if _report_of(task).is_file() else None,
                 "dashboard": f"/dashboard/?project_task_open={task.project_id}&project_task_expanded={task.pk}",

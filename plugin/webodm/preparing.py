@@ -107,7 +107,7 @@ def _run(task: Any, work: Path) -> None:
                 told = _json(work / "progress.json")
                 share = float(told.get("share", 0.0))
                 step = _WORDS.get(str(told.get("stage", "")), "proving which frames belong together")
-                cache.touch(f"{home.NAME}-at-{task.pk}", records.STALE_S)
+                cache.touch(f"{home.NAME}-at-{task.pk}", records.CLAIM_S)
                 records.change(
                     task.pk, state=records.WORKING, progress=share, message=f"Harmonizing on this server: {step}."
                 )

@@ -14,6 +14,8 @@ RELEASED, SPLIT, OVERRIDDEN, WORKING, FAILED = "released", "split", "overridden"
 BUSY = frozenset((WAITING, CHECKING, WORKING))
 # A worker that has said nothing for so long is gone.
 STALE_S = 180.0
+# Its claim on the task ends before, so that the next one does not find it taken.
+CLAIM_S = 120.0
 _PREFIX = "task::"
 
 

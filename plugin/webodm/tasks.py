@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ...stages.record import write_text
+from ...stages.rules.text import plural
 from ..odm.wire import POLICY_OPTION
 from . import records
 from .proposal import Proposed
@@ -106,7 +107,7 @@ def split(task: Any, parts: Sequence[Tuple[Path, Proposed]], anchor: Any = None)
         state=records.SPLIT,
         holds=False,
         progress=None,
-        message=f"Taken apart into {len(told)} tasks: {', '.join(str(t['name']) for t in told)}."
+        message=f"Taken apart into {plural(len(told), 'task')}: {', '.join(str(t['name']) for t in told)}."
         + (" This one is not processed; its images stay until you delete it." if task.status is None else ""),
         tasks=told,
     )
