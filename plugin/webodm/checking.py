@@ -155,7 +155,8 @@ def act(task: Any, holds: bool, inspection: Inspection, proposal: Proposal) -> N
 
 
 def _not_checked(task: Any, holds: bool, why: str) -> None:
-    message = f"Its images could not be looked at: {why}"
+    # No path of this server is for its users.
+    message = f"Its images could not be looked at: {why.replace(str(task.task_path()).rstrip('/'), 'its folder')}"
     if holds:
         tasks.keep_back(
             task,

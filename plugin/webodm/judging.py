@@ -37,7 +37,8 @@ def judge_task(task: Any) -> Judgement:
         try:
             told = read_outcome(Path(task.assets_path()))
         except (SensorgateError, OSError, ValueError, KeyError, TypeError) as error:
-            return Judgement("unproven", (f"Its products cannot be judged: {error}",))
+            said = str(error).replace(task.assets_path(), "the folder of its results")
+            return Judgement("unproven", (f"Its products cannot be judged: {said}",))
         if getattr(told, "state", "") == "failed":
             return Judgement(STOP, tuple(told.reasons))
         return Judgement(str(told.route), tuple(str(r) for r in told.reasons))

@@ -62,9 +62,14 @@ def prepare_task(task_id: str, user_id: int) -> Dict[str, Any]:
                 task_id,
                 state=before.get("before", records.NONE),
                 progress=None,
-                message=f"Harmonizing on this server did not work: {error}",
+                message=f"Harmonizing on this server did not work: {_without_paths(str(error), task)}",
             )
     return {"output": (records.load(task_id) or {}).get("state", records.NONE)}
+
+
+def _without_paths(text: str, task: Any) -> str:
+    """No path of this server is for its users."""
+    return text.replace(str(task.task_path()).rstrip("/"), "its folder")
 
 
 def _prepare(task: Any, user: Any) -> None:

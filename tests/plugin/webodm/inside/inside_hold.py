@@ -281,3 +281,14 @@ def test_a_look_or_a_split_is_no_way_around_it(project, frames):
     revived.processing_node = ProcessingNode.objects.create(hostname="n")
     revived.save()
     assert not ready(idle) and not waiting
+
+
+def test_a_finished_task_whose_products_say_nothing_is_unproven_and_left_alone(project, frames):
+    judging = importlib.import_module(f"{webodm}.judging")
+    checking = importlib.import_module(f"{webodm}.checking")
+    task = uploaded(project, frames["one"], status=40)
+    os.makedirs(task.assets_path("odm_report"))
+    inspection, proposal = checking.look(task)
+    judgement = judging.with_gate(judging.judge_task(task), inspection, proposal)
+    assert judgement.route in ("unproven", "stop") and judgement.reasons
+    assert judging.parts_of(task, judgement, inspection, proposal) == ()
