@@ -39,7 +39,7 @@ LONG = (
 # Solved on geometry that fixes it; see the stories for what does.
 FOCAL_ERROR = 0.005
 CHECK_HORIZONTAL_GSD, CHECK_VERTICAL_GSD = 1.5, 3.0
-WITH_CONTROL = {"clean", "firmware-drift", "demo", "demo-nasty", "wrong-sheet", "rolling-shutter"}
+WITH_CONTROL = {"clean", "one-other-size", "firmware-drift", "demo", "demo-nasty", "wrong-sheet", "rolling-shutter"}
 
 
 @pytest.mark.parametrize("story", [*QUICK, *(pytest.param(s, marks=pytest.mark.slow) for s in LONG)])
