@@ -9,6 +9,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ..stages.align.images import undecoded
 from ..stages.assemble import Group, request_of
+from ..stages.calibrations import survey_digest
 from ..stages.errors import BlockedError, MissingDependency, SensorgateError
 from ..stages.finding import Finding, sort_key
 from ..stages.gate import BLOCKED
@@ -105,6 +106,8 @@ def run(
         if not started:
             folder.abandon()
         raise
+    if not report["subprojects"]:
+        return Result(report, BlockedError.exit_code)
     clean = all(s["route"] == "proceed" for s in report["subprojects"])
     whole = all(f["subproject"] for f in report["frames"])
     return Result(report, 0 if clean and whole else 1)
@@ -160,7 +163,7 @@ def _produce(
         inspection.settings.calibrations,
         [p.proven.alignment for p in placed if p.proven.alignment is not None],
         inspection.survey.profiles,
-        reporting.digest_of(inspection.survey, {}),
+        survey_digest(inspection.survey.files),
         inspection.settings.thresholds,
     )
     decisions = {d.profile: d for p in reversed(placed) for d in p.proven.locked}

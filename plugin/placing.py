@@ -31,6 +31,7 @@ from .inspection import Inspection
 from .odm.bands import band_name
 from .odm.camera_id import camera_id, file_key
 from .odm.cameras import CalibrationPlan, CameraDecision, ProjectFrame, calibration_for, decision_from_intrinsics
+from .odm.cameras_file import check_cameras_file
 from .odm.names import mask_name
 from .odm.options import OptionNeeds, as_node_options, options_for
 from .odm.project import OURS, write_project
@@ -274,7 +275,8 @@ def _decide(
         calibration=_calibration_rows(solver, decisions, calibration),
     )
     locks = {p.id: (calibration.lock and p.id in solved, decisions[p.id].reason or unheld) for p in profiles}
-    return record, [*calibration.findings, *ground.findings], locks
+    checked = check_cameras_file(dict(calibration.cameras), [camera_id(h.frame) for h in headers])
+    return record, [*calibration.findings, *checked, *ground.findings], locks
 
 
 @dataclass(frozen=True)

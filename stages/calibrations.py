@@ -24,9 +24,10 @@ import re
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
 
 from .errors import UsageError
+from .frame import Frame
 from .intrinsics import SOURCES, STORED, Intrinsics
 from .profile import CameraProfile
 from .record import dumps, from_plain, to_plain, write_text
@@ -117,6 +118,12 @@ def worth_keeping(new: Measurement, limits: Thresholds) -> bool:
     return new.frames >= limits.stored_min_frames and 0.0 < new.focal_sigma <= limits.stored_focal_error * (
         new.focal_ratio
     )
+
+
+def survey_digest(frames: Iterable[Frame]) -> str:
+    """SHA-256 of which frames a survey has, wherever their folder lies: a survey is told from another by it."""
+    told = sorted(json.dumps([f.name, f.size_bytes, f.serial, f.time, f.width, f.height]) for f in frames)
+    return hashlib.sha256("\n".join(told).encode("utf-8")).hexdigest()
 
 
 def with_stored(

@@ -63,10 +63,6 @@ class Survey:
         return {p.id: p for p in self.profiles}
 
     @functools.cached_property
-    def _flight_of(self) -> Dict[str, Flight]:
-        return {f.id: f for f in self.flights}
-
-    @functools.cached_property
     def usable(self) -> Tuple[SurveyFrame, ...]:
         """The frames that are survey and not left out, by path."""
         return tuple(f for f in self.frames if f.excluded is None)
@@ -89,10 +85,6 @@ class Survey:
     def profile_of(self) -> Dict[str, CameraProfile]:
         """Id -> profile."""
         return self._profile_of
-
-    def flight_of(self) -> Dict[str, Flight]:
-        """Id -> flight."""
-        return self._flight_of
 
     def area_of(self) -> Dict[str, int]:
         """Flight id -> number of the area it was flown over, 1 being the largest."""

@@ -1,8 +1,8 @@
 """The cameras file of a project: what ODM is told of each camera, and whether it may be locked.
 
 ODM finds an entry by the id that it computes itself (``camera_id``); a key
-that matches nothing changes nothing and says nothing, so every key is checked
-here. Its lock is for all cameras at once and holds at zero distortion what
+that matches nothing changes nothing and says nothing, so every key that is
+written is checked (``cameras_file``). Its lock is for all cameras at once and holds at zero distortion what
 the file does not give.
 
 OpenSfM divides by max(width, height); ``Intrinsics.focal_ratio`` is focal over
@@ -16,8 +16,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from ...stages.align.model import SolvedCamera
-from ...stages.finding import ERROR, INFO, WARNING, Finding, sort_key
+from ...stages.finding import INFO, WARNING, Finding, sort_key
 from ...stages.frame import Frame
 from ...stages.intrinsics import SOURCES, TRUSTED, Intrinsics
 from ...stages.thresholds import DEFAULTS, Thresholds
@@ -33,24 +32,6 @@ _ODM_RANK = {
 }
 # A focal that our own alignment found is better than a rounded equivalent, not better than a calibration.
 _SOLVED_RANK = SOURCES.index("equivalent-35mm")
-_FIELDS = frozenset(
-    [
-        "id",
-        "projection_type",
-        "width",
-        "height",
-        "focal",
-        "focal_x",
-        "focal_y",
-        "c_x",
-        "c_y",
-        "k1",
-        "k2",
-        "p1",
-        "p2",
-        "k3",
-    ]
-)
 _LOCKABLE = frozenset((*TRUSTED, "solved"))
 _DIGITS = 8
 # Coefficients of OpenSfM's fisheye_opencv that ODM lets through.
@@ -158,19 +139,6 @@ def decision_from_intrinsics(
     )
 
 
-def decision_from_solved(solved: SolvedCamera, width: int, height: int, focal_source: str = "solved") -> CameraDecision:
-    """A decision that takes what the alignment solved or held; ``width``, ``height`` of the profile's frames."""
-    return CameraDecision(
-        profile=solved.profile,
-        focal_ratio=solved.focal_ratio * max(width, height) / width,
-        focal_source=focal_source,
-        center_ratio=solved.center_ratio,
-        distortion=solved.distortion,
-        lock=solved.held,
-        reason="the alignment held it" if solved.held else "the alignment solved it",
-    )
-
-
 def camera_uses(frames: Sequence[ProjectFrame]) -> Tuple[CameraUse, ...]:
     """The distinct ids of a project, sorted; frames on which ODM would die are left out."""
     grouped: Dict[str, List[ProjectFrame]] = defaultdict(list)
@@ -200,35 +168,24 @@ def entry(decision: CameraDecision, width: int, height: int) -> Optional[Dict[st
     if decision.focal_ratio is None:
         return None
     focal = round(decision.focal_ratio * width / max(width, height), _DIGITS)
-    bend = decision.distortion
-    if decision.projection == "fisheye" and bend is not None and len(bend) == _FISHEYE:
-        return {
-            "projection_type": "fisheye_opencv",
-            "width": width,
-            "height": height,
-            "focal_x": focal,
-            "focal_y": focal,
-            "c_x": round(decision.center_ratio[0], _DIGITS),
-            "c_y": round(decision.center_ratio[1], _DIGITS),
-            **{name: round(value, _DIGITS) for name, value in zip(("k1", "k2", "k3"), bend)},
-        }
-    if decision.projection not in ("brown", "perspective"):
-        return None
-    k1, k2, p1, p2, k3 = (*(decision.distortion or ()), 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
-    return {
-        "projection_type": "brown",
+    common = {
         "width": width,
         "height": height,
         "focal_x": focal,
         "focal_y": focal,
         "c_x": round(decision.center_ratio[0], _DIGITS),
         "c_y": round(decision.center_ratio[1], _DIGITS),
-        "k1": round(k1, _DIGITS),
-        "k2": round(k2, _DIGITS),
-        "p1": round(p1, _DIGITS),
-        "p2": round(p2, _DIGITS),
-        "k3": round(k3, _DIGITS),
     }
+    bend = decision.distortion
+    names: Tuple[str, ...]
+    if decision.projection == "fisheye" and bend is not None and len(bend) == _FISHEYE:
+        kind, names = "fisheye_opencv", ("k1", "k2", "k3")
+    elif decision.projection in ("brown", "perspective"):
+        kind, names = "brown", ("k1", "k2", "p1", "p2", "k3")
+        bend = (*(bend or ()), 0.0, 0.0, 0.0, 0.0, 0.0)
+    else:
+        return None
+    return {"projection_type": kind, **common, **{name: round(value, _DIGITS) for name, value in zip(names, bend)}}
 
 
 def own_focal_gap(
@@ -368,58 +325,4 @@ def _lock_refused(asking: Sequence[str], others: Sequence[str]) -> Finding:
         subjects=tuple(asking),
         message=f"The intrinsics should be locked, but ODM locks all cameras of a project at once and {reason}.",
         remedy="Give the profiles that must be locked their own project, or a calibration to all of them.",
-    )
-
-
-def check_cameras_file(cameras: Any, ids: Sequence[str]) -> Tuple[Finding, ...]:
-    """What ODM would do with a cameras file (parsed JSON) beside frames of these ids.
-
-    ODM ignores the whole file on one bad key, ignores unknown fields, and
-    takes an entry that matches no frame without a word.
-    """
-    if not isinstance(cameras, dict):
-        return (
-            _bad_file("Expected an object with one entry per camera.", "Invalid cameras format: %s. Expected dict."),
-        )
-    findings: List[Finding] = []
-    known = {file_key(i) for i in ids}
-    for key in sorted(cameras):
-        value = cameras[key]
-        if len(key.split(" ")) < 6 or not isinstance(value, dict):
-            findings.append(_bad_file(f"The key {key!r} is no camera id.", f"Invalid cameraID: {key}", (key,)))
-            continue
-        if file_key(key) not in known:
-            findings.append(
-                Finding(
-                    code="odm-camera-key-unmatched",
-                    severity=ERROR,
-                    subjects=(key,),
-                    message=f"No frame of the project has the camera id {key!r}; ODM would ignore this calibration "
-                    "without a word.",
-                    remedy=f"Use the id that ODM computes: {', '.join(sorted(known)) or 'none, no frame is usable'}.",
-                )
-            )
-        for name in sorted(value):
-            if name not in _FIELDS and not name.endswith("_prior"):
-                findings.append(
-                    Finding(
-                        code="odm-camera-field-ignored",
-                        severity=WARNING,
-                        subjects=(key,),
-                        message=f"ODM does not know the field {name!r} of a camera and leaves it out.",
-                        remedy="Convert it to Brown's model: focal_x, focal_y, c_x, c_y, k1, k2, p1, p2, k3.",
-                        odm_message=f"Invalid camera key ignored: {name}",
-                    )
-                )
-    return tuple(sorted(findings, key=sort_key))
-
-
-def _bad_file(message: str, odm_message: str, subjects: Tuple[str, ...] = ("cameras",)) -> Finding:
-    return Finding(
-        code="odm-cameras-file-invalid",
-        severity=ERROR,
-        subjects=subjects,
-        message=f"{message} ODM would go on without any calibration.",
-        remedy="Write the file as ODM's cameras.json: one object per camera id.",
-        odm_message=f"Cannot set camera_models_overrides.json: {odm_message}",
     )

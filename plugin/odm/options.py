@@ -122,12 +122,6 @@ def options_for(needs: OptionNeeds, option_list: Optional[OptionList] = None) ->
     return tuple(sorted((o for o in _wanted(needs) if o.name in known), key=lambda o: o.name))
 
 
-def dropped_options(needs: OptionNeeds, option_list: OptionList) -> Tuple[Option, ...]:
-    """What ``options_for`` left out because the stack does not know it."""
-    known = set(option_names(option_list))
-    return tuple(sorted((o for o in _wanted(needs) if o.name not in known), key=lambda o: o.name))
-
-
 def as_node_options(options: Sequence[Option]) -> List[Dict[str, OptionValue]]:
     """As NodeODM and WebODM take them; a flag that is false is left out, for it cannot be said on a command line."""
     return [{"name": o.name, "value": o.value} for o in options if o.value is not False]

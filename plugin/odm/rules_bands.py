@@ -15,10 +15,6 @@ _APART = "Run sensorgate run: it writes one project per spectrum."
 _THERMAL_CAMERAS = (("DJI", "MAVIC2-ENTERPRISE-ADVANCED"), ("DJI", "ZH20T"))
 
 
-def _of_band(folder: Folder, band: str) -> List[Frame]:
-    return [f for f in folder.frames if f.path in folder.photos and folder.photos[f.path].band == band]
-
-
 def _named(folder: Folder, name: str) -> List[Frame]:
     """The frame that ODM's text names, as the subject."""
     return [f for f in folder.frames if f.path in folder.photos and f" {folder.photos[f.path].name}," in f" {name} "]

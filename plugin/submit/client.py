@@ -81,7 +81,7 @@ def _library() -> Any:
     raise MissingDependency("pyodm", "submitting to a node", "pip install 'sensorgate[submit]'")
 
 
-def library_name() -> str:
+def binding_name() -> str:
     """``pyodm`` or ``pyodx``."""
     return str(_library().__name__).partition(".")[0]
 
@@ -287,7 +287,7 @@ class NodeClient:
         fields = {"name": name, "options": json.dumps(list(options))}
         if outputs:
             fields["outputs"] = json.dumps(list(outputs))
-        encoder = importlib.import_module(f"{library_name()}.utils").MultipartEncoder(fields=fields)
+        encoder = importlib.import_module(f"{binding_name()}.utils").MultipartEncoder(fields=fields)
         told = self._node.post(
             "/task/new/init", data=encoder, headers={"Content-Type": encoder.content_type, "set-uuid": uuid}
         )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
+from typing import Any, Dict, List, Optional, Set, Tuple
 
 from ...stages.errors import UsageError
 from ...stages.record import dumps, from_plain, to_plain, write_text
@@ -236,8 +236,3 @@ class Journal:
         with self._lock:
             if self._path.exists():
                 self._path.unlink()
-
-
-def open_tasks(entries: Mapping[str, Entry]) -> Tuple[Attempt, ...]:
-    """Tasks that the node may still be working on."""
-    return tuple(a for e in entries.values() for a in e.attempts if a.state in OPEN)

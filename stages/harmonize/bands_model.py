@@ -118,8 +118,3 @@ class BandPlan:
     def warped(self) -> Tuple[str, ...]:
         """Paths of the frames that ``apply_bands`` writes, sorted."""
         return tuple(sorted(band for fit in self.fits if fit.state == WARP for _, band in fit.pairs))
-
-    def refused_frames(self) -> Tuple[str, ...]:
-        """Paths of the frames of refused bands, sorted."""
-        refused = {(r.payload, p) for r in self.rigs for p in r.refused}
-        return tuple(sorted(b for f in self.fits if (f.payload, f.profile) in refused for _, b in f.pairs))

@@ -228,24 +228,37 @@ def test_blocked_is_an_error_of_its_own(tmp_path):
         pipeline.run([str(tmp_path / "in")], tmp_path / "out")
 
 
-def test_a_frame_whose_picture_is_damaged_inside_is_left_out(tiny, tmp_path, monkeypatch):
-    """Its header and its end are good; only decoding shows it, and one such frame would end ODM's run."""
+def hurt_pictures(monkeypatch, chosen):
+    """Let the solver say of the chosen frames that their picture cannot be decoded; returns their paths."""
     from sensorgate.stages import route
     from sensorgate.stages.align.images import undecoded_note
 
-    prove = route.prove
-    hurt = []
+    prove, hurt = route.prove, []
 
-    def one_is_hurt(request, *args, **more):
+    def proven(request, *args, **more):
         proof = prove(request, *args, **more)
-        hurt.append(request.frames[2].path)
-        note = undecoded_note(hurt[0], OSError("image file is truncated"))
+        hurt.extend(f.path for f in request.frames[chosen])
+        notes = tuple(undecoded_note(path, OSError("image file is truncated")) for path in hurt)
         (group,) = proof.groups
-        report = replace(group.alignment, notes=(*group.alignment.notes, note))
+        report = replace(group.alignment, notes=(*group.alignment.notes, *notes))
         return replace(proof, groups=(replace(group, alignment=report),))
 
-    monkeypatch.setattr(route, "prove", one_is_hurt)
+    monkeypatch.setattr(route, "prove", proven)
+    return hurt
+
+
+def test_a_frame_whose_picture_is_damaged_inside_is_left_out(tiny, tmp_path, monkeypatch):
+    """Its header and its end are good; only decoding shows it, and one such frame would end ODM's run."""
+    hurt = hurt_pictures(monkeypatch, slice(2, 3))
     report = pipeline.run([str(tiny.survey / "images")], tmp_path / "out").report
     (lost,) = [f for f in report["frames"] if not f["subproject"]]
     assert (lost["path"], lost["reason"]) == (hurt[0], "pixels-broken")
     assert "pixels-broken" in {f["code"] for f in report["findings"]}
+
+
+def test_where_no_project_is_left_the_code_says_so(tiny, tmp_path, monkeypatch):
+    hurt_pictures(monkeypatch, slice(None))
+    result = pipeline.run([str(tiny.survey / "images")], tmp_path / "out")
+    assert result.exit_code == 3 and result.report["subprojects"] == []
+    assert {f["reason"] for f in result.report["frames"]} == {"pixels-broken"}
+    assert (tmp_path / "out/report.html").is_file()

@@ -22,6 +22,7 @@ from sensorgate.stages.calibrations import (
     key_of,
     read_store,
     store_digest,
+    survey_digest,
     updated,
     with_stored,
     worth_keeping,
@@ -154,6 +155,12 @@ def test_tags_of_another_lens_keep_the_store_out():
     survey = survey_of(strip(count=8, serial="A1"))
     (profile,), _ = stored_for(survey, survey.profiles[0].intrinsics.focal_ratio * 1.3)
     assert profile == survey.profiles[0]
+
+
+def test_a_survey_is_the_same_in_another_folder_and_order():
+    frames = strip(count=4)
+    moved = [replace(f, path="elsewhere/" + f.path.rsplit("/", 1)[-1]) for f in frames[::-1]]
+    assert survey_digest(moved) == survey_digest(frames) != survey_digest(frames[1:])
 
 
 def test_a_body_without_a_serial_is_not_kept():

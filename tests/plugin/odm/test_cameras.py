@@ -9,12 +9,10 @@ from sensorgate.plugin.odm.cameras import (
     ProjectFrame,
     calibration_for,
     camera_uses,
-    check_cameras_file,
     decision_from_intrinsics,
-    decision_from_solved,
     entry,
 )
-from sensorgate.stages.align.model import SolvedCamera
+from sensorgate.plugin.odm.cameras_file import check_cameras_file
 from sensorgate.stages.frame import Frame
 from sensorgate.stages.intrinsics import Intrinsics
 
@@ -181,13 +179,11 @@ def test_order_of_frames_changes_nothing() -> None:
     assert [u.frames for u in camera_uses(frames)] == [2, 2, 2]
 
 
-def test_solved_ratios_are_to_the_longer_side() -> None:
-    solved = SolvedCamera("p", 0.7, (0.0, 0.0), NONE, held=True, frames=9)
-    assert decision_from_solved(solved, 4000, 3000).focal_ratio == pytest.approx(0.7)
-    assert decision_from_solved(solved, 3000, 4000).focal_ratio == pytest.approx(0.7 * 4 / 3)
-    made = entry(decision_from_solved(solved, 3000, 4000), 3000, 4000)
-    assert made is not None
-    assert math.isclose(made["focal_x"], 0.7)
+def test_an_entrys_focal_is_to_the_longer_side() -> None:
+    for width, height, over_width in ((4000, 3000, 0.7), (3000, 4000, 0.7 * 4 / 3)):
+        made = entry(replace(decided("p", distortion=NONE), focal_ratio=over_width), width, height)
+        assert made is not None
+        assert math.isclose(made["focal_x"], 0.7, abs_tol=1e-8)
 
 
 def test_intrinsics_are_taken_as_they_are() -> None:

@@ -240,7 +240,7 @@ def test_pyodx_serves_where_pyodm_is_missing(monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     _forget()
     try:
-        assert clients.library_name() == "pyodx"
+        assert clients.binding_name() == "pyodx"
         with NodeDouble() as node:
             at = client(node)
             at.init(U1, "x", [])
