@@ -39,18 +39,6 @@ def image_ids(database: Path) -> Tuple[Dict[int, int], Dict[int, int]]:
     return ids, {row: counts.get(key, 0) for row, key in ids.items()}
 
 
-def cameras_of(database: Path, job: Job, ids: Dict[int, int]) -> Dict[int, int]:
-    """Return COLMAP's camera id -> our camera's index."""
-    if not database.exists():
-        return {}
-    link = sqlite3.connect(str(database))
-    try:
-        rows = list(link.execute("SELECT name, camera_id FROM images"))
-    finally:
-        link.close()
-    return {int(camera): job.frames[row_of(name)].camera for name, camera in rows if row_of(name) in ids}
-
-
 def descriptors_of(database: Path, ids: Dict[int, int], count: int) -> List[npt.NDArray[np.uint8]]:
     """Each row's descriptors, (N, 128); empty where it has none."""
     found: List[npt.NDArray[np.uint8]] = [np.zeros((0, 128), dtype=np.uint8) for _ in range(count)]

@@ -20,6 +20,14 @@ class Flag(NamedTuple):
     value: str
 
 
+class ProgramFailed(SolverFailed):
+    """The program ended with an error; ``crashed`` where a signal ended it."""
+
+    def __init__(self, message: str, crashed: bool) -> None:
+        super().__init__(message)
+        self.crashed = crashed
+
+
 def program() -> str:
     """The program's path; ``MissingDependency`` where it is not installed."""
     found = shutil.which("colmap")
@@ -29,7 +37,7 @@ def program() -> str:
 
 
 def run(program: str, verb: str, flags: Sequence[Flag], folder: Path) -> None:
-    """Run one verb with the options that this version knows; raises ``SolverFailed`` with its last words."""
+    """Run one verb with the options that this version knows; raises ``ProgramFailed`` with its last words."""
     known = subprocess.run(
         [program, verb, "--help"], capture_output=True, text=True, errors="replace", timeout=60, check=False
     )
@@ -44,4 +52,4 @@ def run(program: str, verb: str, flags: Sequence[Flag], folder: Path) -> None:
     )
     if done.returncode != 0:
         tail = " | ".join((done.stdout + done.stderr).strip().splitlines()[-3:])
-        raise SolverFailed(f"colmap {verb} ended with code {done.returncode}: {tail[-500:]}")
+        raise ProgramFailed(f"colmap {verb} ended with code {done.returncode}: {tail[-500:]}", done.returncode < 0)

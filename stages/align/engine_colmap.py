@@ -9,21 +9,21 @@ trusted ones back.
 
 from __future__ import annotations
 
-import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
-from typing import Callable, Dict, List, Sequence, Set, Tuple
+from typing import Callable, Dict, List, Sequence, Tuple
 
 import numpy as np
 
-from .colmap_database import cameras_of, descriptors_of, image_ids, inliers_of, name_of, row_of
-from .colmap_program import Flag, program, run
+from .collected import Part, Pose, assembled
+from .colmap_database import descriptors_of, image_ids, inliers_of, name_of, row_of
+from .colmap_program import Flag, ProgramFailed, program, run
 from .images import read_grey, stretch_ranges, to_eight_bits, undecoded_note
 from .models import camera_model, read_model
 from .retrieval import retrieved
-from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
+from .solution import AdjustJob, CameraSetting, Job, Solution
 from .textmodel import TextModel, read_model_text, write_cameras
-from .worker import SolverFailed
 
 Step = Callable[[str, int, int], None]
 Pair = Tuple[int, int]
@@ -48,9 +48,9 @@ def solve(job: Job, folder: Path, cache: Path, step: Step) -> Solution:
     found = [] if job.only_pairs else _map(tool, job, database, images, folder)
     step("mapping", 1, 1)
     shutil.rmtree(images, ignore_errors=True)
-    solution = collect(job, job.cameras, cameras_of(database, job, ids), found)
+    solution, _ = assembled(job, job.cameras, [_part(job, job.cameras, model) for model in found])
     rows = [(a, b, inliers.get((a, b), 0)) for a, b in pairs]
-    return _replaced(
+    return replace(
         solution,
         pairs=np.asarray(rows, dtype=np.int64).reshape(-1, 3),
         notes=notes,
@@ -72,7 +72,7 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
             shutil.rmtree(target, ignore_errors=True)
             shutil.copytree(source, target)
             model = read_model_text(target)
-            camera_of = {c: int(name.split("-")[0]) for c, name in _camera_owner(model, task.job).items()}
+            camera_of = _camera_owner(model, task.job)
             write_cameras(target, {c: cameras[i] for c, i in camera_of.items()})
             moving = [cameras[i] for i in set(camera_of.values()) if not cameras[i].held]
             run(
@@ -93,17 +93,10 @@ def adjust(task: AdjustJob, step: Step) -> Tuple[Solution, ...]:
             )
             _to_text(tool, target)
             adjusted.append(read_model_text(target))
-        owners = [_camera_owner(m, task.job) for m in adjusted]
-        merged = {c: int(name.split("-")[0]) for owner in owners for c, name in owner.items()}
-        results.append(_replaced(collect(task.job, cameras, merged, adjusted), stored=str(folder)))
+        solution, _ = assembled(task.job, cameras, [_part(task.job, cameras, m) for m in adjusted])
+        results.append(replace(solution, stored=str(folder)))
         step("calibration", number - task.first + 1, len(task.variants))
     return tuple(results)
-
-
-def _replaced(solution: Solution, **changes: object) -> Solution:
-    import dataclasses
-
-    return dataclasses.replace(solution, **changes)  # type: ignore[arg-type]
 
 
 def _bit(value: bool) -> str:
@@ -165,8 +158,9 @@ def _extract(tool: str, job: Job, database: Path, images: Path, folder: Path, st
         step("features", index + 1, len(job.cameras))
 
 
-def _camera_owner(model: TextModel, job: Job) -> Dict[int, str]:
-    return {i.camera_id: f"{job.frames[row_of(i.name)].camera}-" for i in model.images}
+def _camera_owner(model: TextModel, job: Job) -> Dict[int, int]:
+    """COLMAP's camera id -> our camera's index."""
+    return {i.camera_id: job.frames[row_of(i.name)].camera for i in model.images}
 
 
 def _match(tool: str, job: Job, database: Path, pairs: Sequence[Pair], folder: Path, step: Step) -> None:
@@ -222,13 +216,9 @@ def _map(tool: str, job: Job, database: Path, images: Path, folder: Path) -> Lis
             ],
             folder,
         )
-    except SolverFailed:
-        # The mapper ends with an error where no two frames can be joined: that is an answer, not a fault.
-        if not any(p.is_dir() for p in raw.iterdir()) and inliers_of(database, image_ids(database)[0]):
-            pass
-        elif not any(p.is_dir() for p in raw.iterdir()):
-            return []
-        else:
+    except ProgramFailed as error:
+        # The mapper ends with an error where no two frames can be joined: that is an answer; a crash is not.
+        if error.crashed or any(p.is_dir() for p in raw.iterdir()):
             raise
     found = []
     for source in sorted(p for p in raw.iterdir() if p.is_dir()):
@@ -251,52 +241,10 @@ def _to_text(tool: str, place: Path) -> None:
         binary.unlink()
 
 
-def collect(
-    job: Job, cameras: Sequence[CameraSetting], camera_of: Dict[int, int], models: Sequence[TextModel]
-) -> Solution:
-    """Read text models into arrays; a frame in two models counts in the larger one."""
-    count = len(job.frames)
-    placed = np.full(count, UNPLACED, dtype=np.int64)
-    center, rotation = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
-    error, seen = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
-    solved = list(cameras)
-    told: Set[int] = set()
-    xyz: List[Array] = []
-    owner: List[int] = []
-    ids: List[int] = []
-    kept = 0
-    for model in models:
-        fresh = [i for i in model.images if placed[row_of(i.name)] == UNPLACED]
-        if len(fresh) < job.settings.min_model_frames:
-            continue
-        for camera_id, (name, values) in sorted(model.cameras.items()):
-            index = camera_of.get(camera_id)
-            if index is not None and index not in told:
-                solved[index] = read_model(cameras[index], name, values)
-                told.add(index)
-        for image in fresh:
-            row = row_of(image.name)
-            placed[row] = kept
-            rotation[row] = image.rotation
-            center[row] = -image.rotation.T @ image.translation
-            errors = model.errors(image)
-            seen[row] = len(errors)
-            error[row] = float(np.mean(errors)) if len(errors) else math.nan
-        for point_id in sorted(model.points):
-            xyz.append(model.points[point_id])
-            owner.append(kept)
-            ids.append(point_id)
-        kept += 1
-    return Solution(
-        cameras=tuple(solved),
-        model=placed,
-        center=center,
-        rotation=rotation,
-        error_px=error,
-        observations=seen,
-        point_xyz=np.asarray(xyz, dtype=float).reshape(-1, 3),
-        point_model=np.asarray(owner, dtype=np.int64),
-        point_id=np.asarray(ids, dtype=np.int64),
-        pairs=np.zeros((0, 3), dtype=np.int64),
-        focal_sigma=np.full(len(cameras), np.nan),
+def _part(job: Job, cameras: Sequence[CameraSetting], model: TextModel) -> Part:
+    owner = _camera_owner(model, job)
+    return Part(
+        {row_of(i.name): Pose(i.rotation, -i.rotation.T @ i.translation, model.errors(i)) for i in model.images},
+        {owner[c]: read_model(cameras[owner[c]], *model.cameras[c]) for c in sorted(owner)},
+        model.points,
     )

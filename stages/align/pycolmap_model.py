@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import Any, List, Sequence
+from typing import Any, List, Sequence, Tuple
 
 import numpy as np
 
+from .collected import Part, Pose, assembled
 from .models import camera_model, read_model
-from .solution import UNPLACED, Array, CameraSetting, Job, Solution
+from .solution import Array, CameraSetting, Job, Solution
 
 
 def quiet(pycolmap: Any) -> None:
@@ -28,7 +28,7 @@ def with_changes(solution: Solution, **changes: Any) -> Solution:
 
 
 def camera_of(pycolmap: Any, camera_id: int, setting: CameraSetting) -> Any:
-    """pycolmap\'s camera for a setting."""
+    """pycolmap's camera for a setting."""
     model, params = camera_model(setting)
     camera = pycolmap.Camera(
         camera_id=camera_id, model=model, width=setting.width, height=setting.height, params=params
@@ -49,64 +49,36 @@ def stored_models(folder: Path) -> List[Path]:
 
 
 def collect(job: Job, cameras: Sequence[CameraSetting], models: Sequence[Any], folder: Path) -> Solution:
-    """Read models into arrays and store them; a frame in two models counts in the larger one."""
-    count = len(job.frames)
-    placed = np.full(count, UNPLACED, dtype=np.int64)
-    center = np.full((count, 3), np.nan)
-    rotation = np.full((count, 3, 3), np.nan)
-    error = np.full(count, np.nan)
-    seen = np.zeros(count, dtype=np.int64)
-    xyz: List[Array] = []
-    owner: List[int] = []
-    ids: List[int] = []
-    solved = list(cameras)
-    told: set[int] = set()
-    kept = 0
-    for model in models:
-        rows = [i - 1 for i in sorted(model.reg_image_ids()) if placed[i - 1] == UNPLACED]
-        if len(rows) < job.settings.min_model_frames:
-            continue
-        target = folder / f"{kept:03d}"
+    """Read models into arrays and store those that count below ``folder``."""
+    solution, kept = assembled(job, cameras, [_part(job, cameras, model) for model in models])
+    for place, number in enumerate(kept):
+        target = folder / f"{place:03d}"
         target.mkdir(parents=True, exist_ok=True)
-        model.write(str(target))
-        for row in rows:
-            image = model.images[row + 1]
-            pose = image.cam_from_world
-            pose = pose() if callable(pose) else pose
-            placed[row] = kept
-            rotation[row] = pose.rotation.matrix()
-            center[row] = -rotation[row].T @ np.asarray(pose.translation)
-            errors = errors_of(model, image)
-            seen[row] = len(errors)
-            error[row] = float(np.mean(errors)) if len(errors) else math.nan
-        for index in sorted({job.frames[r].camera for r in rows}):
-            if index not in told and (index + 1) in model.cameras:
-                solved[index] = read_camera(cameras[index], model.cameras[index + 1])
-                told.add(index)
-        for point_id in sorted(model.points3D):
-            point = model.points3D[point_id]
-            xyz.append(np.asarray(point.xyz))
-            owner.append(kept)
-            ids.append(int(point_id))
-        kept += 1
-    return Solution(
-        cameras=tuple(solved),
-        model=placed,
-        center=center,
-        rotation=rotation,
-        error_px=error,
-        observations=seen,
-        point_xyz=np.asarray(xyz, dtype=float).reshape(-1, 3),
-        point_model=np.asarray(owner, dtype=np.int64),
-        point_id=np.asarray(ids, dtype=np.int64),
-        pairs=np.zeros((0, 3), dtype=np.int64),
-        focal_sigma=np.full(len(cameras), np.nan),
-        stored=str(folder),
+        models[number].write(str(target))
+    return with_changes(solution, stored=str(folder))
+
+
+def _part(job: Job, cameras: Sequence[CameraSetting], model: Any) -> Part:
+    poses = {}
+    for image_id in model.reg_image_ids():
+        image = model.images[image_id]
+        rotation, translation = _pose(image)
+        poses[image_id - 1] = Pose(rotation, -rotation.T @ translation, errors_of(model, image))
+    return Part(
+        poses,
+        {i - 1: read_camera(cameras[i - 1], camera) for i, camera in model.cameras.items()},
+        {int(i): np.asarray(point.xyz) for i, point in model.points3D.items()},
     )
 
 
+def _pose(image: Any) -> Tuple[Array, Array]:
+    """Rotation (3, 3) and translation (3,), world to camera."""
+    pose = image.cam_from_world()
+    return pose.rotation.matrix(), np.asarray(pose.translation)
+
+
 def errors_of(model: Any, image: Any) -> Array:
-    """Reprojection errors in px of an image\'s observations of points."""
+    """Reprojection errors in px of an image's observations of points."""
     observed, points = [], []
     for point in image.points2D:
         if point.has_point3D():
@@ -114,10 +86,9 @@ def errors_of(model: Any, image: Any) -> Array:
             points.append(model.points3D[point.point3D_id].xyz)
     if not observed:
         return np.zeros(0)
-    pose = image.cam_from_world
-    pose = pose() if callable(pose) else pose
+    rotation, translation = _pose(image)
     camera = model.cameras[image.camera_id]
-    local = np.asarray(points) @ pose.rotation.matrix().T + np.asarray(pose.translation)
+    local = np.asarray(points) @ rotation.T + translation
     ahead = local[:, 2] > 1e-9
     seen = np.asarray(camera.img_from_cam(local[ahead]))
     offset = seen - np.asarray(observed)[ahead]
