@@ -25,7 +25,8 @@ from ...stages.align.world import ground_of
 from ...stages.route import PAIRWISE, PROCEED
 from ...stages.thresholds import Thresholds
 from .opensfm_cameras import OpenSfmCamera
-from .opensfm_model import OdmModel, Pairs
+from .opensfm_model import OdmModel
+from .opensfm_pieces import Pairs
 from .outcome_frames import ProjectFrames
 
 Array = npt.NDArray[np.float64]

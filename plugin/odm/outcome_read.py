@@ -13,7 +13,9 @@ from ...stages.thresholds import Thresholds
 from .opensfm_cameras import OpenSfmCamera, camera_from_json, rotation_matrix
 from .opensfm_json import Unreadable, numbers, read_json, read_object
 from .opensfm_matches import SUFFIX, pairs_of, read_matches
-from .opensfm_model import OdmModel, Pairs, build_model, grown_components
+from .opensfm_model import OdmModel, build_model
+from .opensfm_pieces import Pairs
+from .opensfm_raw import grown_components
 from .outcome_console import FAILED, FINISHED, ConsoleOutcome, outcome_of_console
 from .outcome_frames import opensfm_folder
 from .outcome_judge import PlacedFrames, placed_of
