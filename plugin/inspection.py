@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple, Union
 
-from ..stages.calibrations import read_store, store_digest
+from ..stages.calibrations import Entry, Key, read_store, store_digest
 from ..stages.elevation import open_elevation
 from ..stages.errors import UsageError
 from ..stages.finding import Finding, sort_key
@@ -28,6 +28,12 @@ from .odm.predict import Prediction, predict
 from .odm.thermal import thermal_reading
 
 _FILES = ("calibration", "control_points", "gcp", "geo")
+_ARGUMENTS = {"dem": "ground", "ground_m": "ground", "align": "no-align"}
+
+
+def argument(name: str) -> str:
+    """How the command line spells a field of ``Settings``."""
+    return "--" + _ARGUMENTS.get(name, name).replace("_", "-")
 
 
 def _content_hash(file: str, option: str) -> str:
@@ -38,7 +44,7 @@ def _content_hash(file: str, option: str) -> str:
             for block in iter(lambda: stream.read(1 << 20), b""):
                 digest.update(block)
     except OSError as error:
-        raise UsageError(f"--{option.replace('_', '-')}: {file} cannot be read ({error.strerror}).") from None
+        raise UsageError(f"{argument(option)}: {file} cannot be read ({error.strerror}).") from None
     return digest.hexdigest()
 
 
@@ -46,7 +52,8 @@ def _content_hash(file: str, option: str) -> str:
 class Settings:
     """Everything that decides the outcome besides the imagery; echoed in ``plan.json``.
 
-    The ground is ``ground_m`` metres everywhere or the elevation model ``dem``, never both.
+    The ground is ``ground_m`` metres everywhere or the elevation model ``dem``, never both. ``stored`` is what a
+    plan tells of a calibration store, ``calibrations`` the store's folder; the folder wins.
     """
 
     thresholds: Thresholds = DEFAULTS
@@ -64,6 +71,7 @@ class Settings:
     control_points: Optional[str] = None
     dem: Optional[str] = None
     calibrations: Optional[str] = None
+    stored: Optional[Tuple[Entry, ...]] = None
 
     def identity(self) -> Dict[str, Any]:
         """Everything that decides, thresholds too; two runs with equal inputs and identity give equal bytes."""
@@ -77,12 +85,19 @@ class Settings:
         changed = {
             f.name: getattr(self, f.name)
             for f in dataclasses.fields(self)
-            if f.name != "thresholds" and getattr(self, f.name) != f.default
+            if f.name not in ("thresholds", "stored") and getattr(self, f.name) != f.default
         }
         hashes = {f"{name}_sha256": _content_hash(changed[name], name) for name in _FILES if name in changed}
-        if self.calibrations is not None:
-            hashes["calibrations_sha256"] = store_digest(read_store(self.calibrations))
+        store = self.store()
+        if store is not None:
+            hashes["calibrations_sha256"] = store_digest(store)
         return {**changed, **hashes}
+
+    def store(self) -> Optional[Dict[Key, Entry]]:
+        """What is known of single bodies from earlier surveys; ``None`` where nobody asked for it."""
+        if self.calibrations is not None:
+            return read_store(self.calibrations)
+        return None if self.stored is None else {entry.key: entry for entry in self.stored}
 
 
 DEFAULT_SETTINGS = Settings()
@@ -161,7 +176,7 @@ def inspect_scan(
         settings.thresholds,
         ground_m=settings.ground_m,
         elevation=elevation,
-        stored=read_store(settings.calibrations) if settings.calibrations is not None else None,
+        stored=settings.store(),
         open_path=open_path,
     )
     survey = replace(survey, profiles=tuple(_with_thermal_reading(p, survey) for p in survey.profiles))

@@ -18,11 +18,15 @@ from ..stages.overruled import overruled, still_true
 from ..stages.progress import Cancel, Progress, check
 from ..stages.proven import apart
 from ..stages.read import Found
-from ..stages.record import dumps, to_plain, write_text
+from ..stages.record import dumps, write_text
 from .harmonizing import Harmonized, harmonize
 from .inspection import DEFAULT_SETTINGS, Inspection, Settings, inspect
 from .placing import Placed, frames_of, place, without_alignment
+from .plan import Digests, input_files, output_files, plan_record
+from .plan_diff import input_differences
+from .plan_file import Plan
 from .remembering import Memory, learned
+from .replay import replay_record
 from .report import build as reporting
 from .workfolder import WorkFolder, disk_errors, open_folder
 
@@ -81,8 +85,12 @@ def run(
     progress: Optional[Progress] = None,
     cancel: Optional[Cancel] = None,
     inspection: Optional[Inspection] = None,
+    plan: Optional[Plan] = None,
 ) -> Result:
     """The main job: from mixed imagery to ODM projects in ``out``; an ``inspection`` of it is not made again.
+
+    With a ``plan`` of an earlier run (its settings: ``replay.settings_of``) the
+    report's ``replay`` says what differs from it.
 
     Exit 0 when all frames are placed and proceed, 1 when something is
     isolated, unproven or left out, 3 (``BlockedError``) when nothing could be
@@ -99,7 +107,7 @@ def run(
                 raise BlockedError(blocked_message(inspection))
             folder.begin(reporting.digest_of(inspection.survey, settings.identity()), resume)
             started = True
-            report, memory = _produce(inspection, folder, progress, cancel)
+            report, memory = _produce(inspection, folder, progress, cancel, plan)
             folder.publish()
             memory.write()
     except BaseException:
@@ -144,9 +152,18 @@ def blocked_message(inspection: Inspection) -> str:
 
 
 def _produce(
-    inspection: Inspection, folder: WorkFolder, progress: Optional[Progress], cancel: Optional[Cancel]
+    inspection: Inspection,
+    folder: WorkFolder,
+    progress: Optional[Progress],
+    cancel: Optional[Cancel],
+    plan: Optional[Plan],
 ) -> Tuple[Dict[str, Any], Memory]:
     """Everything between the inspection and the finished result in the scratch."""
+    digests = Digests(progress, cancel)
+    inputs = digests.of(input_files(inspection))
+    if plan is not None:
+        for early in input_differences(plan.record, {"inputs": {"files": inputs}}):
+            LOG.warning("replay: %s", early.message)
     ready = harmonize(inspection, folder, progress, cancel)
     inspection = ready.inspection
     placed: List[Placed] = []
@@ -173,7 +190,10 @@ def _produce(
     findings = tuple(sorted(said, key=sort_key))
     report = _report(inspection, findings, written.record)
     _conserve(report)
-    _write_reports(report, inspection, folder, ready.copies)
+    now = plan_record(report, inspection, inputs, digests.of(output_files(folder.folder("result") / "projects")))
+    if plan is not None:
+        report["replay"] = replay_record(plan, now)
+    _write_reports(report, now, folder, ready.copies)
     return report, memory
 
 
@@ -263,12 +283,12 @@ def _conserve(report: Mapping[str, Any]) -> None:
 
 
 def _write_reports(
-    report: Dict[str, Any], inspection: Inspection, folder: WorkFolder, copies: Mapping[str, HarmonizedFrame]
+    report: Dict[str, Any], plan: Mapping[str, Any], folder: WorkFolder, copies: Mapping[str, HarmonizedFrame]
 ) -> None:
     """``report.json``, ``plan.json`` and ``report.html`` beside the projects, all in the scratch until published."""
     result = folder.folder("result")
     write_text(result / "report.json", dumps(report))
-    write_text(result / "plan.json", dumps(plan_record(report, inspection)))
+    write_text(result / "plan.json", dumps(plan))
     try:
         from .report.html import render
         from .report.previews import previews_of
@@ -278,28 +298,4 @@ def _write_reports(
         LOG.warning("%s The job itself is complete; report.html was left out.", error)
 
 
-def plan_record(report: Mapping[str, Any], inspection: Inspection) -> Dict[str, Any]:
-    """All that decided and what was decided, without any solver figure: equal byte for byte between runs."""
-    return {
-        "schema_version": report["schema_version"],
-        "versions": report["versions"],
-        "inputs": report["inputs"],
-        "thresholds": report["thresholds"],
-        "harmonize": to_plain(inspection.assessed.plan),
-        "subprojects": [
-            {
-                "name": s["name"],
-                "spectrum": s["spectrum"],
-                "route": s["route"],
-                "payloads": s["payloads"],
-                "frames": s["frames"],
-                "options": [{"name": o["name"], "value": o["value"]} for o in s["options"]],
-                "held": sorted(c["profile"] for c in s["calibration"] if c["held"]),
-            }
-            for s in report["subprojects"]
-        ],
-        "excluded": [{"path": f["path"], "reason": f["reason"]} for f in report["frames"] if not f["subproject"]],
-    }
-
-
-__all__ = ["Inspection", "Result", "Settings", "gate", "inspect", "plan_record", "run"]
+__all__ = ["Inspection", "Result", "Settings", "gate", "inspect", "run"]

@@ -214,16 +214,25 @@ def _read_entry(file: Path) -> Entry:
     try:
         if file.stat().st_size > _MAX_ENTRY_BYTES:
             raise UsageError(wrong)
-        entry = from_plain(Entry, json.loads(file.read_text(encoding="utf-8")))
-        believable = all(_believable(m) for m in (entry.best, *entry.doubts))
-        whole = all(isinstance(s, str) for s in (*entry.surveys, *_texts(entry.key)))
+        entry = entry_of(json.loads(file.read_text(encoding="utf-8")))
     except OSError as error:
         raise UsageError(f"{file} cannot be read: {error.strerror or error}.") from None
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+    except (ValueError, RecursionError):
         raise UsageError(wrong) from None
-    if not (believable and whole and file.name == entry_name(entry.key)):
+    if entry is None or file.name != entry_name(entry.key):
         raise UsageError(wrong)
     return entry
+
+
+def entry_of(value: Any) -> Optional[Entry]:
+    """An entry from plain JSON, or ``None`` where the value is none or not believable."""
+    try:
+        entry = from_plain(Entry, value)
+        believable = all(_believable(m) for m in (entry.best, *entry.doubts))
+        whole = all(isinstance(s, str) for s in (*entry.surveys, *_texts(entry.key)))
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None
+    return entry if believable and whole else None
 
 
 def _texts(key: Key) -> Tuple[Any, ...]:
