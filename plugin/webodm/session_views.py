@@ -10,7 +10,7 @@ from rest_framework.response import Response
 from ...stages.frame import BrokenFrame
 from ...stages.grouping import camera_name
 from ...stages.record import write_text
-from . import bounds, checking, home, preferences, sessions, verdict
+from . import bounds, checking, home, preferences, sessions, state, verdict
 from .gathering import of_session
 from .headers import Read, read_headers, sent_files
 from .proposal import RULES, Choices, propose
@@ -132,7 +132,9 @@ class Verdict(SessionView):
             inspection = of_session(gathered, settings, session.control("gcp"), session.control("geo"))
         proposal = propose(inspection, choices)
         report = home.page(f"sessions/{session.id}/report")
-        return verdict.words_for(inspection, proposal, choices, gathered.ids, report)
+        owner = project_for(self.request, session.project, "change_project").owner
+        engine = state.engine_ahead(owner)
+        return verdict.words_for(inspection, proposal, choices, gathered.ids, report, engine)
 
 
 def choices_from(data: Mapping[str, Any]) -> Choices:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any, Dict, List, Optional
 
 from . import hold, home, preferences, preparing, records, tasks, workers
+from .remedies import GATE, NODE, WORKER
 
 CHECK, OVERRIDE, SPLIT, JUDGE, PREPARE = "check", "override", "split", "judge", "prepare"
 ACTIONS = (CHECK, OVERRIDE, SPLIT, JUDGE, PREPARE)
 _FAILED, _COMPLETED, _CANCELED = 30, 40, 50
-NODE, WORKER, GATE = "node", "worker", "gate"
 
 
 def state_of(task: Any, user: Any) -> Dict[str, Any]:
@@ -82,7 +82,15 @@ def engine_for(task: Any) -> "tuple[str, str]":
     """Where harmonizing and alignment would run for this task, said plainly."""
     record = records.load(task.pk) or {}
     wish = record.get("wish") or {"auto": task.auto_processing_node, "node": task.processing_node_id}
-    node: Optional[Any] = tasks.policy_node(task, wish)
+    return _engine(tasks.policy_node(task, wish))
+
+
+def engine_ahead(owner: Any) -> "tuple[str, str]":
+    """The same for tasks of this owner that are not there yet."""
+    return _engine(tasks.adapter_of(owner))
+
+
+def _engine(node: Optional[Any]) -> "tuple[str, str]":
     if node is not None:
         return NODE, f"The processing node {node} harmonizes and aligns the images itself."
     lacking = preferences.missing()
@@ -90,6 +98,6 @@ def engine_for(task: Any) -> "tuple[str, str]":
         return WORKER, "No node of yours has sensorgate; this server can harmonize and align the images."
     absent = " and ".join(lacking) or "a Python that can be started"
     return GATE, (
-        f"No node of yours has sensorgate, and this server lacks {absent}: images are checked and "
-        "sorted, but not harmonized or aligned."
+        f"No node of yours has sensorgate, and this server lacks {absent}: images are checked and sorted, but not "
+        "harmonized or aligned. An administrator finds the commands that add it on the Camera check page."
     )

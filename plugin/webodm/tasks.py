@@ -16,6 +16,7 @@ from .proposal import Proposed
 _CANCELED = 50
 _COMPLETED = 40
 LAZ = "georeferenced_model.laz"
+ANY_NODE: Mapping[str, Any] = {"auto": True, "node": None}
 
 
 def merged(own: Any, ours: Sequence[Mapping[str, Any]]) -> List[Dict[str, Any]]:
@@ -27,15 +28,20 @@ def merged(own: Any, ours: Sequence[Mapping[str, Any]]) -> List[Dict[str, Any]]:
 
 def policy_node(task: Any, wish: Mapping[str, Any]) -> Optional[Any]:
     """The node with our adapter that this task may go to: the one it asked for, else the least busy of its owner's."""
+    return adapter_of(task.project.owner, wish)
+
+
+def adapter_of(owner: Any, wish: Mapping[str, Any] = ANY_NODE) -> Optional[Any]:
+    """The same for tasks of this owner that are not there yet."""
     from guardian.shortcuts import get_objects_for_user
     from nodeodm.models import ProcessingNode
 
     if wish.get("node") is not None:
         node = ProcessingNode.objects.filter(pk=wish["node"]).first()
         return node if node is not None and has_adapter(node) else None
-    nodes = get_objects_for_user(
-        task.project.owner, "view_processingnode", ProcessingNode, accept_global_perms=False
-    ).order_by("queue_count")
+    nodes = get_objects_for_user(owner, "view_processingnode", ProcessingNode, accept_global_perms=False).order_by(
+        "queue_count"
+    )
     return next((n for n in nodes if n.is_online() and has_adapter(n)), None)
 
 
