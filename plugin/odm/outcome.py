@@ -22,6 +22,7 @@ from .opensfm_cameras import OpenSfmCamera
 from .opensfm_errors import ErrorFigures
 from .opensfm_model import OdmModel
 from .outcome_console import FAILED, FINISHED, NO_RECONSTRUCTION, UNFINISHED, ConsoleOutcome
+from .outcome_control import marks_of_project
 from .outcome_frames import ProjectFrames, opensfm_folder, project_frames
 from .outcome_judge import PlacedFrames, focal_changes, judge_project
 from .outcome_read import (
@@ -135,6 +136,8 @@ def read_outcome(folder: Union[str, Path], limits: Thresholds = DEFAULTS) -> Out
             feature_side_px=feature_side(opensfm, limits),
             held=log.held,
             limits=limits,
+            marks=marks_of_project(folder, project.request, project.name_of, notes),
+            gcp_used=figures.gcp is not None,
         )
         report = _with_console_pieces(report, log.console, placed, model, limits)
         if placed is None:

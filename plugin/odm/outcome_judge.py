@@ -14,9 +14,10 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 import numpy.typing as npt
 
+from ...stages.align.heights import levelled
 from ...stages.align.judge import FAIL, PASS, UNPROVEN, overall
 from ...stages.align.measure import Measured, PayloadFigures, measure
-from ...stages.align.model import AlignmentReport, PayloadAlignment
+from ...stages.align.model import AlignmentReport, GcpMark, PayloadAlignment
 from ...stages.align.pairs import plan_pairs
 from ...stages.align.prepare import build_job
 from ...stages.align.run import assemble_report
@@ -27,6 +28,7 @@ from ...stages.thresholds import Thresholds
 from .opensfm_cameras import OpenSfmCamera
 from .opensfm_model import OdmModel
 from .opensfm_pieces import Pairs
+from .outcome_control import control_of
 from .outcome_frames import ProjectFrames
 
 Array = npt.NDArray[np.float64]
@@ -92,26 +94,43 @@ def judge_project(
     feature_side_px: int,
     held: bool,
     limits: Thresholds,
+    marks: Sequence[GcpMark] = (),
+    gcp_used: bool = False,
 ) -> AlignmentReport:
     """Return ODM's reconstruction as an alignment report; ``placed`` is ``None`` where there is none.
 
     ``pairs`` are verified matches by file names, ``None`` where they are
     gone. ``feature_side_px`` is the size that ODM extracted features at.
+    ``marks`` are the project's ground control, ``gcp_used`` says whether ODM
+    adjusted its model to it.
     """
-    request = project.request
+    request = replace(project.request, gcps=tuple(marks))
     plan = plan_pairs(request.frames, request.cameras, limits)
     job = build_job(request, plan, "quick", feature_side_px, 1, limits)
-    ground = ground_of(request.frames, request.cameras, feature_side_px, limits)
+    ground = ground_of(request.frames, request.cameras, feature_side_px, limits, request.gcps)
     solution = _solution(project, job, placed, pairs, held)
-    measured = measure(request.frames, solution, ground, plan.areas, limits)
+    ground = levelled(request.frames, solution, ground, limits)
+    blind = _no_formula(project, placed)
+    control = control_of(request, job, solution, ground, blind, gcp_used, limits)
+    measured = measure(request.frames, solution, ground, plan.areas, limits, control)
     payloads = [p.payload for p in measured.payloads]
     measured, gaps = _with_gaps(measured, placed, pairs, limits)
     tied = payloads if pairs is None else ()
     report = assemble_report(request, "odm", engine, job, solution, measured, ground, (), limits, tied)
+    report = replace(report, control=measured.control)
     # An alignment before the run speaks for ties that are not in the folder, never for a damaged result.
     proven = project.planned in (PROCEED, PAIRWISE) and not (placed is not None and placed.damaged)
     judged = tuple(_open(p, gaps.get(p.payload, ()), proven) for p in report.payloads)
     return replace(report, payloads=judged, verdict=overall(judged))
+
+
+def _no_formula(project: ProjectFrames, placed: Optional[PlacedFrames]) -> Tuple[str, ...]:
+    """Paths of placed frames whose camera is none of Brown's."""
+    if placed is None:
+        return ()
+    lens = {n: placed.cameras[c].model for n, c in zip(placed.names, placed.camera_of)}
+    path_of = {name: path for path, name in project.name_of.items()}
+    return tuple(path_of[n] for n in placed.names if lens[n] not in ("perspective", "brown"))
 
 
 def _solution(

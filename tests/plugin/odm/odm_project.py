@@ -140,6 +140,24 @@ def write_project(block: Block, root: Path) -> Path:
     return root
 
 
+_CONTROL = ((-20.0, -20.0), (20.0, -20.0), (-20.0, 20.0), (20.0, 20.0), (0.0, 0.0), (10.0, -5.0))
+
+
+def write_control(block: Block, root: Path) -> Path:
+    """Put a ground control list into a project: true coordinates, marked where each frame's model shows the point."""
+    rows = ["EPSG:4326"]
+    for number, (east, north) in enumerate(_CONTROL):
+        true = np.asarray([east, north, 0.5 * (number % 3)])
+        latitude, longitude, altitude = ORIGIN.to_geodetic(*true)
+        for frame in block.frames:
+            place = block.lay(true[None, :], frame.group)
+            x, y = project(place, frame.camera, frame.rotation, block.center(frame))[0]
+            if 0 < x < frame.camera.width and 0 < y < frame.camera.height:
+                rows.append(f"{longitude:.9f} {latitude:.9f} {altitude:.4f} {x:.3f} {y:.3f} {frame.name} g{number}")
+    (root / "gcp_list.txt").write_text("\n".join(rows) + "\n")
+    return root
+
+
 def _json(path: Path, value: Any) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(value, indent=4), encoding="utf-8")

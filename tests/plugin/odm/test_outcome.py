@@ -14,7 +14,7 @@ from sensorgate.stages.errors import BlockedError, UsageError
 from sensorgate.stages.route import PipelineRouter
 
 from tests.frames import REAL
-from tests.plugin.odm.odm_project import NO_PROJECT, Block, fly_block, write_project
+from tests.plugin.odm.odm_project import NO_PROJECT, Block, Frame, fly_block, write_control, write_project
 from tests.simulator.catalogue import phantom4pro
 
 P4 = "dji fc330 1332 1000 brown 0.5850"
@@ -186,16 +186,16 @@ def test_pieces_that_only_the_log_tells_of(make: Make) -> None:
     assert found.exit_code == 1 and {p.verdict for p in found.payloads} == {"fail"}
 
 
-def test_the_run_that_wrote_the_project_names_its_payloads(tmp_path: Path) -> None:
-    block = fly_block()
-    folder = write_project(block, tmp_path / "out/projects/rgb")
+def planned(block: Block, out: Path, flight: Callable[[Frame], str] = lambda f: f"{f.payload.id}:1") -> Path:
+    """A project inside the output of the run that wrote it, whose report names payloads and flights."""
+    folder = write_project(block, out / "projects/rgb")
     (folder / "sensorgate").mkdir()
     rows = [
         {
             "path": f"survey/{f.payload.id}/{f.name}",
             "output": f"projects/rgb/images/{f.name}",
             "profile": f.payload.id,
-            "flight": f"{f.payload.id}:1",
+            "flight": flight(f),
             "payload": f.payload.id,
             "width": f.camera.width,
             "height": f.camera.height,
@@ -208,13 +208,64 @@ def test_the_run_that_wrote_the_project_names_its_payloads(tmp_path: Path) -> No
         for f in block.frames
     ]
     report = {"frames": rows, "subprojects": [{"name": "rgb", "route": "proceed"}]}
-    (tmp_path / "out/report.json").write_text(json.dumps(report))
+    (out / "report.json").write_text(json.dumps(report))
+    return folder
+
+
+def test_the_run_that_wrote_the_project_names_its_payloads(tmp_path: Path) -> None:
+    folder = planned(fly_block(), tmp_path / "out")
     found = read_outcome(folder)
     assert routes(found) == {"p4": ("pass", "proceed"), "p4p": ("pass", "proceed")}
     assert found.alignment is not None and found.alignment.frames[0].path.startswith("survey/p4/")
     # What the run had proven before stays proven where a node sends no matches back.
     shutil.rmtree(folder / "opensfm")
     assert read_outcome(folder).route == "proceed"
+
+
+def test_a_flight_whose_altitudes_lie_higher_is_no_bent_model(tmp_path: Path) -> None:
+    block = fly_block((phantom4pro(),), strips=6)
+    second = {f.name for f in block.frames[15:]}
+    for frame in block.frames[15:]:
+        frame.gps = (frame.gps[0], frame.gps[1], frame.gps[2] + 35.0)
+    folder = planned(block, tmp_path / "out", lambda f: f"p4p:{2 if f.name in second else 1}")
+    found = read_outcome(folder)
+    assert routes(found) == {"p4p": ("pass", "proceed")}
+    assert found.alignment is not None
+    [(flight, up)] = found.alignment.payloads[0].flight_offsets_m
+    assert flight == "p4p:2" and up == pytest.approx(35.0, abs=1.5)
+
+
+def test_ground_control_proves_a_run_without_positions(tmp_path: Path) -> None:
+    block = fly_block((phantom4pro(),))
+    for frame in block.frames:
+        frame.gps = (0.0, 0.0, 0.0)
+    folder = write_project(block, tmp_path / "project")
+    assert read_outcome(folder).route == "unproven"
+    write_control(block, folder)
+    found = read_outcome(folder)
+    assert found.route == "proceed" and found.alignment is not None
+    control = found.alignment.control
+    assert control is not None and control.verdict == "pass" and control.points == 6
+    assert control.horizontal_m is not None and control.horizontal_m < 0.05
+    assert any("control points fit" in r for r in found.reasons)
+
+
+def test_ground_control_contradicts_a_bent_run_without_positions(tmp_path: Path) -> None:
+    block = fly_block((phantom4pro(),))
+    block.warps["bent"] = bent
+    for frame in block.frames:
+        frame.gps, frame.group = (0.0, 0.0, 0.0), "bent"
+    folder = write_control(block, write_project(block, tmp_path / "project"))
+    found = read_outcome(folder)
+    assert found.exit_code == 1 and found.payloads[0].verdict == "fail"
+    assert any("control points fit" in r and "is the limit" in r for r in found.reasons)
+
+
+def test_a_ground_control_list_that_means_nothing_is_noted(tmp_path: Path) -> None:
+    folder = write_project(fly_block(), tmp_path / "project")
+    (folder / "gcp_list.txt").write_text("no such system\n1 2 3 4 5 a.jpg\n")
+    found = read_outcome(folder)
+    assert found.route == "proceed" and len(found.notes) == 1
 
 
 def test_a_run_that_failed_early_says_why(make: Make) -> None:
