@@ -10,6 +10,7 @@ from typing import Dict, List, Optional
 from ...stages.progress import Progress
 from ...stages.read import Scan, scan
 from ..inspection import Inspection, Settings, inspect_scan
+from . import calibrating
 from .headers import is_mask, mask_of
 from .sessions import Gathered
 
@@ -43,7 +44,11 @@ def of_session(gathered: Gathered, settings: Settings, gcp: Optional[str], geo: 
 
 def task_files(folder: Path) -> TaskFiles:
     """What lies in the folder, without what the plugin or WebODM keep below it."""
-    names = sorted(e.name for e in os.scandir(folder) if e.is_file() and not e.name.startswith("."))
+    names = sorted(
+        e.name
+        for e in os.scandir(folder)
+        if e.is_file() and not e.name.startswith(".") and e.name not in calibrating.FILES
+    )
     texts = [n for n in names if n.lower().endswith(".txt")]
     geo = next((n for n in texts if n.lower() == "geo.txt"), None)
     control = next((n for n in texts if n.lower() == "gcp_list.txt"), None) or next(

@@ -142,8 +142,6 @@ def projects_as_tasks(out: Path) -> Tuple[Tuple[Path, Proposed], ...]:
         folder = Path(parcel.folder)
         names = {i.name: i.name for i in parcel.items if i.name not in (GCP_FILE, GEO_FILE)}
         texts = {n: (folder / n).read_text(encoding="utf-8") for n in (GCP_FILE, GEO_FILE) if (folder / n).is_file()}
-        # A node keeps no calibration that WebODM could send; without one nothing may be locked.
-        options = tuple(o for o in parcel.options if o["name"] != "use-fixed-camera-params")
         about = said.get(parcel.name, {})
         found.append(
             (
@@ -155,9 +153,10 @@ def projects_as_tasks(out: Path) -> Tuple[Tuple[Path, Proposed], ...]:
                     payloads=parcel.payloads,
                     frames=tuple(sorted(names)),
                     names=names,
-                    options=options,
+                    options=parcel.options,
                     reasons={},
                     texts=texts,
+                    calibration=dict(parcel.calibration or {}),
                 ),
             )
         )

@@ -7,7 +7,7 @@ alone can stand for, and what a browser can carry out.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, FrozenSet, List, Mapping, Sequence, Set, Tuple
+from typing import Any, Dict, FrozenSet, List, Mapping, Optional, Sequence, Set, Tuple
 
 from ...stages.assemble import groups_of, left_out
 from ...stages.finding import Finding
@@ -37,7 +37,11 @@ class Choices:
 
 @dataclass(frozen=True)
 class Proposed:
-    """One task. ``names`` is path -> name to upload it under, masks among them; ``texts`` are files to add."""
+    """One task. ``names`` is path -> name to upload it under, masks among them; ``texts`` are files to add.
+
+    ``calibration`` is in ODM's cameras format, empty where nothing is known;
+    ``None`` says that the frames were not harmonized.
+    """
 
     key: str
     name: str
@@ -49,6 +53,7 @@ class Proposed:
     reasons: Mapping[str, str]
     texts: Mapping[str, str]
     findings: Tuple[Finding, ...] = ()
+    calibration: Optional[Mapping[str, Any]] = None
 
     @property
     def tags(self) -> Tuple[str, ...]:

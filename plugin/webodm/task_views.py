@@ -87,7 +87,8 @@ def _split(task: Any, user: Any, data: Mapping[str, Any]) -> None:
     if (records.load(task.pk) or {}).get("judgement"):
         judgement = judging.with_gate(judging.judge_task(task), inspection, proposal)
         parts = judging.parts_of(task, judgement, inspection, proposal) or parts
-    if len(parts) < 2 and parts and len(parts[0].frames) == task.images_count:
+    survey = inspection.survey
+    if len(parts) == 1 and len(parts[0].frames) == len(survey.frames) + len(survey.broken):
         raise Conflict("All of its images belong into one task; there is nothing to take apart.")
     if not parts:
         raise Conflict("None of its images can be used for a survey.")

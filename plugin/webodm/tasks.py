@@ -9,8 +9,8 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ...stages.record import write_text
 from ...stages.rules.text import plural
-from ..odm.wire import POLICY_OPTION
-from . import records
+from ..odm.wire import POLICY_FOR_HARMONIZED, POLICY_OPTION
+from . import calibrating, records
 from .proposal import Proposed
 
 _CANCELED = 50
@@ -114,6 +114,7 @@ def split(task: Any, parts: Sequence[Tuple[Path, Proposed]], anchor: Any = None)
         holds=False,
         progress=None,
         message=f"Taken apart into {plural(len(told), 'task')}: {', '.join(str(t['name']) for t in told)}."
+        + _calibrated(created)
         + (" This one is not processed; its images stay until you delete it." if task.status is None else ""),
         tasks=told,
     )
@@ -126,13 +127,24 @@ def split(task: Any, parts: Sequence[Tuple[Path, Proposed]], anchor: Any = None)
     return told
 
 
+def _calibrated(created: Sequence[Any]) -> str:
+    """What is said of the calibrations that go along."""
+    many = sum(1 for t in created if calibrating.lies_in(Path(t.task_path())))
+    if not many:
+        return ""
+    which = "The calibration" if many == len(created) else f"For {many} of them the calibration"
+    return f" {which} of the cameras is sent along."
+
+
 def _create(model: Any, task: Any, folder: Path, part: Proposed, wish: Mapping[str, Any], anchor: Any) -> Any:
     own = [o for o in (task.options or []) if isinstance(o, dict) and o.get("name") != "rerun-from"]
+    resized = task.pending_action == _resize()
+    load = calibrating.load_of(folder, part, own, resized)
     title = task.name or "Task"
     new = model(
         project=task.project,
         name=f"{title} / {part.name}"[:255],
-        options=merged(own, part.options),
+        options=merged(list(load.own), load.ours),
         partial=True,  # WebODM leaves a task alone whose files are not all there
         auto_processing_node=False,
         resize_to=task.resize_to,
@@ -146,17 +158,22 @@ def _create(model: Any, task: Any, folder: Path, part: Proposed, wish: Mapping[s
             link(folder / path, Path(new.task_path(name)))
         for name, text in sorted(part.texts.items()):
             write_text(new.task_path(name), text)
+        if load.calibration is not None:
+            calibrating.put(Path(new.task_path()), load.calibration)
+        for name in load.linked:
+            link(folder / name, Path(new.task_path(name)))
         if anchor is not None:
             new.set_alignment_file_from(anchor)
         new.images_count = len(new.scan_images())
         new.update_size()
         node = policy_node(new, wish)
         if node is not None:
-            new.options = merged(new.options, [{"name": POLICY_OPTION, "value": "auto"}])
+            policy = POLICY_FOR_HARMONIZED if load.harmonized else "auto"
+            new.options = merged(new.options, [{"name": POLICY_OPTION, "value": policy}])
         new.processing_node_id = wish["node"] if wish["node"] is not None else node.pk if node is not None else None
         new.auto_processing_node = bool(wish["auto"])
         if task.resize_to is not None and task.resize_to > 0:
-            new.pending_action = _resize() if task.pending_action == _resize() else None
+            new.pending_action = _resize() if resized else None
         new.partial = False
         new.save()
     except BaseException:

@@ -292,3 +292,64 @@ def test_a_finished_task_whose_products_say_nothing_is_unproven_and_left_alone(p
     judgement = judging.with_gate(judging.judge_task(task), inspection, proposal)
     assert judgement.route in ("unproven", "stop") and judgement.reasons
     assert judging.parts_of(task, judgement, inspection, proposal) == ()
+
+
+LOCK = {"name": "use-fixed-camera-params", "value": True}
+CAMERAS = {"dji fc6310 800 600 brown 0.85": {"projection_type": "brown", "width": 800, "height": 600, "focal_x": 0.7}}
+
+
+def harmonized(task, calibration):
+    from pathlib import Path
+
+    proposal = importlib.import_module(f"{webodm}.proposal")
+    names = {n: n for n in task.scan_images() if n.endswith(".JPG")}
+    part = proposal.Proposed("rgb", "rgb", "rgb", ("p",), tuple(sorted(names)), names, (LOCK,), {}, {}, (), calibration)
+    told = tasks.split(task, [(Path(task.task_path()), part)])
+    return Task.objects.get(pk=told[0]["id"])
+
+
+def test_a_calibration_goes_along_as_files_that_every_node_understands(project, frames):
+    import json
+    import zipfile
+
+    old = uploaded(project, frames["one"])
+    new = harmonized(old, CAMERAS)
+    assert LOCK in new.options and not any(o["name"] == "cameras" for o in new.options)
+    with open(new.task_path("sensorgate_calibration.json")) as file:
+        assert json.load(file) == CAMERAS
+    with zipfile.ZipFile(new.task_path("seed.zip")) as seed:
+        assert seed.namelist() == ["opensfm/camera_models_overrides.json"]
+        overrides = json.loads(seed.read(seed.namelist()[0]))
+    assert overrides["v2 dji fc6310 800 600 brown 0.85"]["focal_x_prior"] == 0.7
+    assert "The calibration of the cameras is sent along." in records.load(old.pk)["message"]
+    # What is taken apart again keeps it.
+    checking = importlib.import_module(f"{webodm}.checking")
+    inspection, proposal = checking.look(new)
+    assert len(inspection.survey.frames) == len(frames["one"]) and not inspection.survey.broken
+    from pathlib import Path
+
+    told = tasks.split(new, [(Path(new.task_path()), proposal.tasks[0])])
+    part = Task.objects.get(pk=told[0]["id"])
+    assert {"seed.zip", "sensorgate_calibration.json"} <= set(part.scan_images()) and LOCK in part.options
+
+
+@pytest.mark.parametrize("why", ["nothing known", "own cameras", "resized"])
+def test_without_a_calibration_that_fits_nothing_is_locked(project, frames, why):
+    old = uploaded(project, frames["one"])
+    if why == "own cameras":
+        old.options = [{"name": "cameras", "value": "{}"}]
+    if why == "resized":
+        old.pending_action, old.resize_to = 4, 400
+    new = harmonized(old, {} if why == "nothing known" else CAMERAS)
+    assert LOCK not in new.options and "seed.zip" not in new.scan_images()
+    # Its frames are harmonized all the same: no node does it again.
+    assert "sensorgate_calibration.json" in new.scan_images()
+
+
+def test_a_node_with_the_adapter_leaves_harmonized_frames_alone(project, frames):
+    node = ProcessingNode.objects.create(
+        hostname="field", available_options=[{"name": "mixed-sensor-policy", "domain": ["off", "auto"]}]
+    )
+    old = uploaded(project, frames["one"], auto_processing_node=False, processing_node=node)
+    new = harmonized(old, CAMERAS)
+    assert {"name": "mixed-sensor-policy", "value": "report"} in new.options and new.processing_node_id == node.pk
