@@ -17,6 +17,7 @@ from ..inspection import Inspection
 from . import home, preferences, records, tasks
 from .gathering import of_session, of_task
 from .proposal import Proposal, propose
+from .remedies import HARMONIZED
 from .sessions import Session
 from .verdict import headline
 
@@ -138,10 +139,15 @@ def act(task: Any, holds: bool, inspection: Inspection, proposal: Proposal) -> N
     """Do what follows from the verdict. Without a hold it is noted, nothing else."""
     if task is None:
         return
-    known = {"verdict": inspection.verdict, "headline": headline(inspection, proposal), "parts": len(proposal.tasks)}
+    known = {
+        "verdict": inspection.verdict,
+        "headline": headline(inspection, proposal),
+        "parts": len(proposal.tasks),
+        "harmonizing_helps": any(f.code in HARMONIZED for f in inspection.findings),
+    }
     decision = decide(inspection, proposal)
     if not holds:
-        records.change(task.pk, state=records.RELEASED, message=known["headline"], progress=None, **known)
+        records.change(task.pk, state=records.RELEASED, message=str(known["headline"]), progress=None, **known)
         return
     if preferences.mode() != preferences.HOLD:
         tasks.release(task, records.RELEASED, "Let go: holding was turned off.", **known)

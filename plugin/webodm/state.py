@@ -68,7 +68,8 @@ def actions_for(task: Any, record: Dict[str, Any], user: Any) -> List[str]:
     if task.status in (None, _FAILED, _COMPLETED, _CANCELED) and not _left(record):
         if useful:
             found.append(SPLIT)
-        if (useful or record.get("verdict") == "inconsistent") and engine_for(task)[0] == WORKER:
+        helps = useful or record.get("harmonizing_helps") or record.get("verdict") == "inconsistent"
+        if helps and engine_for(task)[0] == WORKER:
             found.append(PREPARE)
     return found
 
