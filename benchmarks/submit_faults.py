@@ -18,7 +18,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.plugin.submit import trial
-from tests.plugin.submit.node_double import Behaviour
+from tests.plugin.submit.node_parts import Behaviour
 
 
 def main() -> int:

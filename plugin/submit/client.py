@@ -13,59 +13,22 @@ from __future__ import annotations
 import functools
 import importlib
 import json
-import os
 import re
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Type
-from urllib.parse import parse_qs, quote, urlencode, urlsplit, urlunsplit
+from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple, Type
+from urllib.parse import quote, urlencode, urlsplit, urlunsplit
 
-from ...stages.errors import MissingDependency, UsageError
+from ...stages.errors import MissingDependency
 from ...stages.thresholds import DEFAULTS, Thresholds
+from .address import TOKEN_VARIABLE, bare, split_address
 from .errors import NodeFull, NodeUnusable, NotSent, Refused, Unsure
-
-TOKEN_VARIABLE = "SENSORGATE_NODE_TOKEN"
-
-QUEUED, RUNNING, FAILED, COMPLETED, CANCELED = "queued", "running", "failed", "completed", "canceled"
-_STATUS = {10: QUEUED, 20: RUNNING, 30: FAILED, 40: COMPLETED, 50: CANCELED}
-ENDED = frozenset((FAILED, COMPLETED, CANCELED))
+from .views import NodeView, TaskView, count, task_view
 
 # ClusterODM answers /info with this instead of figures.
 _NO_FIGURE = 99999999999
 _BAD_TOKEN = re.compile(r"invalid authentication|unauthorized|authentication token", re.IGNORECASE)
 _UNKNOWN_TASK = re.compile(r"not found|no task table entry|invalid route", re.IGNORECASE)
 _FULL = re.compile(r"ENOSPC|EDQUOT|no space left|disk quota", re.IGNORECASE)
-
-
-@dataclass(frozen=True)
-class NodeView:
-    """What a node says of itself; ``None`` where it does not."""
-
-    version: str
-    engine: str
-    engine_version: str
-    max_images: Optional[int]
-    slots: Optional[int]
-    queued: Optional[int]
-    available_memory_bytes: Optional[int]
-    cluster: bool
-
-
-@dataclass(frozen=True)
-class TaskView:
-    """What a node says of a task.
-
-    ``settled`` is false while the node still moves the uploads into place:
-    until then the count of images is an estimate that counts other files too.
-    """
-
-    uuid: str
-    status: str
-    images: Optional[int]
-    options: Tuple[Tuple[str, Any], ...]
-    progress: float
-    settled: bool
-    message: str
 
 
 @functools.lru_cache(maxsize=1)
@@ -107,27 +70,6 @@ def _node_class() -> Type[Any]:
             return self._client.ask("POST", url, data=data, headers=headers)
 
     return _Node
-
-
-def split_address(url: str, token: Optional[str] = None) -> Tuple[str, str]:
-    """An address without its token, and the token: the argument's, else the address's, else the environment's."""
-    text = url.strip()
-    if "://" not in text:
-        text = f"http://{text}"
-    parts = urlsplit(text)
-    try:
-        host, _ = parts.hostname, parts.port
-    except ValueError as error:
-        raise UsageError(f"{url!r} is no address of a node: {error}.") from error
-    if parts.scheme not in ("http", "https") or not host:
-        raise UsageError(f"{_bare(url)} is no address of a node. It looks like http://localhost:3000?token=...")
-    given = parse_qs(parts.query).get("token", [""])[0]
-    address = urlunsplit((parts.scheme, parts.netloc, parts.path.rstrip("/"), "", ""))
-    return address, token or given or os.environ.get(TOKEN_VARIABLE, "")
-
-
-def _bare(url: str) -> str:
-    return url.partition("?")[0]
 
 
 class NodeClient:
@@ -220,7 +162,7 @@ class NodeClient:
         if status in (401, 403):
             raise NodeUnusable(self._token_text())
         if 300 <= status < 400:
-            raise NodeUnusable(f"{self.shown} sends us on to {self.hide(_bare(location))}. Give that address instead.")
+            raise NodeUnusable(f"{self.shown} sends us on to {self.hide(bare(location))}. Give that address instead.")
         if status == 413:
             raise Refused(f"A proxy before {self.shown} refuses files of this size (413).", "413")
         if status == 404:
@@ -262,10 +204,10 @@ class NodeClient:
             version=str(told.get("version", "")),
             engine=str(told.get("engine", "odm")),
             engine_version=str(told.get("engineVersion", "?")),
-            max_images=_count(told.get("maxImages")) or None,
-            slots=_count(told.get("maxParallelTasks")),
-            queued=_count(told.get("taskQueueCount")),
-            available_memory_bytes=_count(told.get("availableMemory")),
+            max_images=count(told.get("maxImages")) or None,
+            slots=count(told.get("maxParallelTasks")),
+            queued=count(told.get("taskQueueCount")),
+            available_memory_bytes=count(told.get("availableMemory")),
             cluster=told.get("cpuCores") == _NO_FIGURE or told.get("totalMemory") == _NO_FIGURE,
         )
 
@@ -328,7 +270,7 @@ class NodeClient:
             raise
         if not isinstance(told, dict):
             raise Unsure(f"{self.shown} says nothing of the task {uuid}.")
-        return _task_view(uuid, told, self.hide)
+        return task_view(uuid, told, self.hide)
 
     def console(self, uuid: str, last: int = 400) -> Tuple[str, ...]:
         """The last pieces of a task's console output; a piece is what came through the pipe, not always a line."""
@@ -361,7 +303,7 @@ class NodeClient:
                 if response.status_code != 200 or "json" in response.headers.get("Content-Type", ""):
                     self._value(response.status_code, response.headers.get("Location", ""), self._body(response), path)
                     raise Refused(f"{self.shown} has no all.zip for {uuid}.", "no all.zip")
-                total = _count(response.headers.get("Content-Length")) or 0
+                total = count(response.headers.get("Content-Length")) or 0
                 if total > max_bytes:
                     raise Refused(
                         f"all.zip of {uuid} has {total} bytes, and only {max_bytes} may be taken here. "
@@ -391,37 +333,3 @@ class NodeClient:
                     progress(done, total)
         if total and done != total:
             raise Unsure(f"{self.shown} sent {done} of {total} bytes of all.zip.")
-
-
-def _count(value: Any) -> Optional[int]:
-    if isinstance(value, bool) or value is None:
-        return None
-    try:
-        number = int(value)
-    except (TypeError, ValueError, OverflowError):
-        return None
-    return number if 0 <= number < 1 << 62 else None
-
-
-def _task_view(uuid: str, told: Dict[str, Any], hide: Callable[[Any], str]) -> TaskView:
-    raw = told.get("status")
-    status = raw if isinstance(raw, dict) else {}
-    state = _STATUS.get(_count(status.get("code")) or 0, RUNNING)
-    progress = told.get("progress")
-    figure = float(progress) if isinstance(progress, (int, float)) and not isinstance(progress, bool) else 0.0
-    # A cluster that still forwards the files reports no progress; a node that still sorts them no processing time.
-    started = told.get("processingTime")
-    waiting = state == RUNNING and (
-        "progress" not in told or not isinstance(started, (int, float)) or (started < 0 and figure <= 0)
-    )
-    given = told.get("options")
-    listed = given if isinstance(given, list) else []
-    return TaskView(
-        uuid=uuid,
-        status=state,
-        images=_count(told.get("imagesCount")),
-        options=tuple(sorted((str(o["name"]), o.get("value")) for o in listed if isinstance(o, dict) and "name" in o)),
-        progress=min(100.0, max(0.0, figure)),
-        settled=not waiting,
-        message=hide(status.get("errorMessage") or ""),
-    )

@@ -3,71 +3,29 @@
 from __future__ import annotations
 
 import contextlib
-import logging
-import threading
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Optional, Tuple
 
 from ...stages.errors import UsageError
 from ...stages.record import write_text
-from ...stages.route import PROCEED
-from ...stages.thresholds import Thresholds
-from ..odm.project import OURS
 from ..odm.wire import ALIGN_INPUT, POLICY_OPTION
 from . import ledger as states
-from .client import CANCELED, COMPLETED, ENDED, NodeClient, NodeView, TaskView
-from .collect import NONE, outputs_for, room, set_aside, unpack
+from .aftermath import Aftermath
+from .collect import NONE, outputs_for, room, unpack
+from .errand import CONSOLE, Errand
 from .errors import Abandoned, NodeFull, Refused
-from .judge import STOP, Judgement, ReadOutcome, judge
-from .ledger import Attempt, Entry, Ledger
+from .ledger import Attempt, Entry
 from .negotiate import Terms, kind_of, negotiate, numeric_options
-from .parcel import UNPROVEN, Item, Parcel, read_parcel, said_of
-from .patience import Patience
-from .reroute import AlignPairwise, build, plan
+from .parcel import Item, Parcel, read_parcel, said_of
 from .transfer import Lost, Mismatch, Transfer
-
-LOG = logging.getLogger("sensorgate.submit")
-
-# project, phase, share done (0..1)
-Tell = Callable[[str, str, float], None]
+from .views import CANCELED, COMPLETED, ENDED, TaskView
 
 ARCHIVE = ".part-all.zip"
-CONSOLE = f"{OURS}/task_output.txt"
-# The anchor's georeferenced points: what ODM's ``align`` takes.
-ALIGN_PRODUCT = ("odm_georeferencing", "odm_georeferenced_model.laz")
 
 
-@dataclass(frozen=True)
-class Context:
-    """What all journeys of one submission share."""
-
-    client: NodeClient
-    node: NodeView
-    option_list: Sequence[Mapping[str, Any]]
-    ledger: Ledger
-    patience: Patience
-    limits: Thresholds
-    assets: Tuple[str, ...]
-    max_reroutes: int
-    wait: bool
-    frames: Mapping[str, Tuple[str, str]]
-    uploads: threading.Semaphore
-    reader: Optional[ReadOutcome] = None
-    aligner: Optional[Callable[[Path], Optional[AlignPairwise]]] = None
-    tell: Optional[Tell] = None
-
-
-class Journey:
+class Journey(Errand):
     """Runs one parcel; what it returns besides the ledger's entry are the parcels that came out of it."""
-
-    def __init__(self, context: Context, parcel: Parcel, reference: Optional[Path] = None) -> None:
-        self.context = context
-        self.parcel = parcel
-        self.reference = reference
-        self.ledger = context.ledger
-        self.client = context.client
-        self.patience = context.patience
 
     def run(self) -> Tuple[Parcel, ...]:
         """Go on until nothing is left to do. Raises ``NodeUnusable``, ``Cancelled`` and what the node's absence is."""
@@ -89,7 +47,7 @@ class Journey:
             elif last.state == states.COMPLETED:
                 self._fetch(last)
             else:
-                self._judge(last)
+                Aftermath(self.context, self.parcel).judge(last)
             entry = self._entry()
         return tuple(self._child(name) for name in entry.children)
 
@@ -112,14 +70,6 @@ class Journey:
         folder = Path(self.parcel.folder).parent / name
         return read_parcel(folder, said_of(folder))
 
-    def _tell(self, phase: str, share: float) -> None:
-        if self.context.tell is not None:
-            self.context.tell(self.parcel.name, phase, share)
-
-    def _end(self, state: str, route: str, *reasons: str) -> None:
-        self.ledger.change(self.parcel.name, state=state, route=route, reasons=tuple(r for r in reasons if r))
-        self._tell(state, 1.0)
-
     # --- sending -------------------------------------------------------------
 
     def _extra(self) -> Tuple[Item, ...]:
@@ -139,12 +89,12 @@ class Journey:
             seeds=entry.seeds,
         )
         if agreed.terms is None:
-            self._end(states.REFUSED, "", *agreed.problems)
+            self.end(states.REFUSED, "", *agreed.problems)
             return False
         tried = sum(a.opened for a in entry.attempts)
         if tried >= self.context.limits.submit_max_sends:
             why = entry.attempts[-1].message
-            self._end(states.GIVEN_UP, "", f"Tried {tried} times. {why}")
+            self.end(states.GIVEN_UP, "", f"Tried {tried} times. {why}")
             return False
         number, known = self._free_number(entry)
         reason = "first" if not entry.attempts else entry.attempts[-1].message
@@ -200,7 +150,7 @@ class Journey:
             self.patience,
             extra=extra,
             outputs=outputs_for(self.context.assets),
-            uploaded=lambda done, of: self._tell("upload", done / max(1, of)),
+            uploaded=lambda done, of: self.tell("upload", done / max(1, of)),
         )
         try:
             with self.context.uploads:
@@ -214,7 +164,7 @@ class Journey:
         except NodeFull as error:
             self._note(states.DISCARDING, str(error))
             self._discard(self._last())
-            self._end(states.GIVEN_UP, "", str(error))
+            self.end(states.GIVEN_UP, "", str(error))
         except Refused as error:
             self._refused(error)
 
@@ -225,7 +175,7 @@ class Journey:
         if "split-merge cluster" in error.text:
             self.ledger.change(self.parcel.name, seeds=False)
         else:
-            self._end(states.GIVEN_UP, "", str(error))
+            self.end(states.GIVEN_UP, "", str(error))
 
     def _mismatch(self, entry: Entry, attempt: Attempt, error: Mismatch) -> None:
         """The node took something else: cancel it there, and say so."""
@@ -240,7 +190,7 @@ class Journey:
         self._note(states.CANCELED, message)
         self.ledger.journal(attempt.uuid).remove()
         if error.options:
-            self._end(states.REFUSED, "", message)
+            self.end(states.REFUSED, "", message)
 
     def _cancel(self, attempt: Attempt) -> None:
         try:
@@ -314,7 +264,7 @@ class Journey:
                     return
             else:
                 unknown = 0
-                self._tell(view.status, view.progress / 100.0)
+                self.tell(view.status, view.progress / 100.0)
                 if view.status in ENDED:
                     break
             self.patience.wait(self.context.limits.submit_poll_s)
@@ -322,7 +272,7 @@ class Journey:
         state = {COMPLETED: states.COMPLETED, CANCELED: states.CANCELED}.get(view.status, states.FAILED)
         self._note(state, view.message)
         if state == states.CANCELED:
-            self._end(states.GIVEN_UP, "", f"The task was cancelled on the node. {view.message}".strip())
+            self.end(states.GIVEN_UP, "", f"The task was cancelled on the node. {view.message}".strip())
 
     def _console(self, attempt: Attempt) -> Tuple[str, ...]:
         try:
@@ -342,7 +292,7 @@ class Journey:
             self._note(states.FETCHED, "")
             return
         archive = folder / ARCHIVE
-        told = lambda done, of: self._tell("download", done / of if of else 0.0)  # noqa: E731
+        told = lambda done, of: self.tell("download", done / of if of else 0.0)  # noqa: E731
         try:
             self.patience.keep_asking(
                 lambda: self.client.download(
@@ -355,64 +305,8 @@ class Journey:
                 self._note(states.LOST, "The node lost the task before its products were here.")
                 return
             self._note(states.FETCHED, f"The products could not be taken: {error}")
-            self._end(states.GIVEN_UP, "", str(error))
+            self.end(states.GIVEN_UP, "", str(error))
             return
         finally:
             archive.unlink(missing_ok=True)
         self._note(states.FETCHED, "")
-
-    # --- what became of it ----------------------------------------------------
-
-    def _judge(self, attempt: Attempt) -> None:
-        folder = Path(self.parcel.folder)
-        fetched = attempt.state == states.FETCHED
-        status = COMPLETED if fetched else "failed"
-        view = TaskView(attempt.uuid, status, attempt.images, (), 100.0, True, attempt.message)
-        file = folder / CONSOLE
-        console = file.read_text(encoding="utf-8", errors="replace").splitlines() if file.is_file() else []
-        has = fetched and self.context.assets != (NONE,)
-        found = judge(view, folder if has else None, console, self.context.reader)
-        if found.route in (PROCEED, UNPROVEN):
-            self._end(states.DONE, found.route, *found.reasons)
-        elif found.route == STOP:
-            self._end(states.GIVEN_UP, "", *found.reasons)
-        else:
-            self._reroute(found, attempt)
-
-    def _depth(self) -> int:
-        depth, name = 0, self.parcel.parent
-        while name:
-            depth += 1
-            parent = self.ledger.get(name)
-            name = parent.parent if parent is not None else ""
-        return depth
-
-    def _reroute(self, found: Judgement, attempt: Attempt) -> None:
-        """Back to the router: new projects out of this one, or the end where the tries are used up."""
-        parts: List[Any] = []
-        if self._depth() < self.context.max_reroutes:
-            apart = self._aligned_apart() if found.route == "pairwise" and len(self._payloads()) > 1 else None
-            parts = list(plan(self.parcel, found.route, found.reasons, self.context.frames, apart, self.context.limits))
-        if not parts:
-            whole = attempt.state == states.FETCHED
-            left = "Its products are kept, but look at them." if whole else "Nothing is left to try by itself."
-            self._end(states.GIVEN_UP, found.route, *found.reasons, left)
-            return
-        if attempt.state == states.FETCHED:
-            set_aside(Path(self.parcel.folder), attempt.number)
-        made = [build(self.parcel, part, self.context.frames, self.context.limits).name for part in parts]
-        self.ledger.change(self.parcel.name, children=tuple(made))
-        self._end(states.REROUTED, found.route, *found.reasons)
-
-    def _payloads(self) -> Sequence[str]:
-        known: Dict[str, Tuple[str, str]] = dict(self.context.frames)
-        return sorted({known[i.name][0] for i in self.parcel.items if i.name in known})
-
-    def _aligned_apart(self) -> Optional[Mapping[str, str]]:
-        if self.context.aligner is None:
-            return None
-        folder = Path(self.parcel.folder)
-        align = self.context.aligner(folder / OURS / "realign")
-        if align is None:
-            return None
-        return align([Path(i.path) for i in self.parcel.items if i.name in self.context.frames])

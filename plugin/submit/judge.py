@@ -11,8 +11,8 @@ from typing import Any, Callable, Optional, Sequence, Tuple
 from ...stages.errors import SensorgateError
 from ...stages.route import ISOLATE, PAIRWISE, PROCEED
 from ..odm.outcome_console import FATAL, outcome_of_console
-from .client import CANCELED, COMPLETED, TaskView
 from .parcel import UNPROVEN
+from .views import CANCELED, COMPLETED, TaskView
 
 LOG = logging.getLogger("sensorgate.submit")
 

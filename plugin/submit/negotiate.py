@@ -14,7 +14,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ..odm.options import OptionList, number_of, validate
 from ..odm.wire import POLICY_FOR_HARMONIZED, POLICY_OPTION
-from .client import NodeView
+from .views import NodeView
 
 LOCK = "use-fixed-camera-params"
 # What nodes add by themselves: NodeODM's products for viewers, its cap on cores, a cluster's address for split tasks.

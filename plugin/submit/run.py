@@ -17,8 +17,9 @@ from .anchor import ISOLATED, choose, product
 from .anchor import NONE as NO_ANCHOR
 from .client import NodeClient
 from .collect import ALL, NONE, outputs_for
+from .errand import ALIGN_PRODUCT, Context, Tell
 from .errors import NodeError, NodeUnusable, NotSent, Refused, Unsure
-from .journey import ALIGN_PRODUCT, Context, Journey, Tell
+from .journey import Journey
 from .judge import ReadOutcome
 from .ledger import Attempt, Entry, Ledger
 from .lock import only_one

@@ -20,12 +20,13 @@ from ...stages.errors import SensorgateError
 from ...stages.record import dumps
 from ..odm.wire import CALIBRATION_INPUT, OVERRIDES, opensfm_overrides
 from . import ledger as states
-from .client import CANCELED, FAILED, NodeClient, TaskView
+from .client import NodeClient
 from .errors import Abandoned, NodeError, NotSent, Refused, Unsure
 from .ledger import Attempt, Journal, Ledger
 from .negotiate import differences
 from .parcel import Item, Parcel
 from .patience import Patience
+from .views import CANCELED, FAILED, TaskView
 
 SEED = "seed.zip"
 # A file's date in the archive; the node does not look at it, and a clock would change the bytes.

@@ -8,7 +8,11 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence
 
 from PIL import Image
+from sensorgate.plugin.submit import Settings, submit
 from sensorgate.stages.thresholds import DEFAULTS, Thresholds
+
+from .node_double import NodeDouble
+from .node_parts import Task
 
 CAMERA = "dji fc6310 64 48 brown 0.6666"
 CALIBRATION = {CAMERA: {"projection_type": "brown", "width": 64, "height": 48, "focal_x": 0.664, "focal_y": 0.664}}
@@ -79,3 +83,23 @@ def report(root: Path, subprojects: List[Dict[str, Any]]) -> None:
 def files_of(folder: Path) -> Dict[str, bytes]:
     """Name -> bytes of a project's images."""
     return {p.name: p.read_bytes() for p in sorted((folder / "images").iterdir())}
+
+
+def go(root: Path, node: NodeDouble, **settings):
+    more = {k: settings.pop(k) for k in ("read_outcome", "cancel", "ask_cancel", "tell") if k in settings}
+    limits = quick(**settings.pop("limits", {}))
+    return submit(root, node.url, Settings(thresholds=limits, **settings), **more)
+
+
+def only(node: NodeDouble) -> Task:
+    (task,) = node.tasks.values()
+    return task
+
+
+def ends(**by_name):
+    """How tasks end, by name; the others end well."""
+
+    def end(task: Task):
+        return by_name.get(task.name.replace("-", "_"), (40, "", ["fine"]))
+
+    return end

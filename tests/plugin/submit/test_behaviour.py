@@ -16,11 +16,12 @@ from typing import Any, Dict, Iterator, List
 import jsonschema
 import pytest
 from sensorgate.plugin.submit import Settings, submit
-from sensorgate.plugin.submit.client import COMPLETED, NodeClient
+from sensorgate.plugin.submit.client import NodeClient
 from sensorgate.plugin.submit.errors import NodeUnusable, Refused
 from sensorgate.plugin.submit.negotiate import differences
 from sensorgate.plugin.submit.parcel import Item
 from sensorgate.plugin.submit.transfer import write_seed
+from sensorgate.plugin.submit.views import COMPLETED
 
 from .making import CALIBRATION, LOCK, files_of, picture, project, quick
 from .node_double import NodeDouble

@@ -10,12 +10,15 @@ from pathlib import Path
 
 import pytest
 from sensorgate.plugin.submit import client as clients
-from sensorgate.plugin.submit.client import COMPLETED, RUNNING, NodeClient, split_address
+from sensorgate.plugin.submit.address import split_address
+from sensorgate.plugin.submit.client import NodeClient
 from sensorgate.plugin.submit.errors import NodeFull, NodeUnusable, NotSent, Refused, Unsure
+from sensorgate.plugin.submit.views import COMPLETED, RUNNING
 from sensorgate.stages.errors import MissingDependency, UsageError
 
 from .making import quick
-from .node_double import ERROR_AFTER, GARBAGE, MUTE, Behaviour, NodeDouble, products
+from .node_double import NodeDouble
+from .node_parts import ERROR_AFTER, GARBAGE, MUTE, Behaviour, products
 
 U1 = "11111111-1111-4111-8111-111111111111"
 
@@ -189,9 +192,9 @@ def test_download_cut_short(tmp_path, monkeypatch):
     with NodeDouble() as node:
         at = client(node)
         _done(node, at, tmp_path)
-        from .node_double import _Handler
+        from .node_http import Handler
 
-        whole = _Handler._answer
+        whole = Handler._answer
 
         def half(self, value, status=200, kind="application/json"):
             if kind != "application/zip":
@@ -204,7 +207,7 @@ def test_download_cut_short(tmp_path, monkeypatch):
             self.wfile.write(value[: len(value) // 2])
             self._hang_up()
 
-        monkeypatch.setattr(_Handler, "_answer", half)
+        monkeypatch.setattr(Handler, "_answer", half)
         with pytest.raises(Unsure):
             at.download(U1, tmp_path / "all.zip", max_bytes=10**6)
 

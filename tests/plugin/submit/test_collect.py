@@ -13,7 +13,7 @@ from sensorgate.stages.errors import UsageError
 from sensorgate.stages.thresholds import DEFAULTS
 
 from .making import files_of, project
-from .node_double import products
+from .node_parts import products
 
 
 def archive(tmp_path, entries, compression=zipfile.ZIP_STORED):

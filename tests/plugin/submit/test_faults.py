@@ -7,7 +7,7 @@ from sensorgate.plugin.submit.errors import NotSent, Unsure
 from sensorgate.plugin.submit.patience import Patience
 
 from . import trial
-from .node_double import MUTE, TORN, Behaviour
+from .node_parts import MUTE, TORN, Behaviour
 
 CALLS = 33  # requests of a submission without faults, give or take
 

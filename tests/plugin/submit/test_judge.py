@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
-from sensorgate.plugin.submit.client import COMPLETED, FAILED, TaskView
 from sensorgate.plugin.submit.judge import judge, judge_console
+from sensorgate.plugin.submit.views import COMPLETED, FAILED, TaskView
 
 
 def view(status: str, message: str = "") -> TaskView:

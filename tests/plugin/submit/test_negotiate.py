@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sensorgate.plugin.odm.wire import POLICY_OPTION
-from sensorgate.plugin.submit.client import NodeView
 from sensorgate.plugin.submit.negotiate import LOCK, differences, kind_of, negotiate, numeric_options, same
+from sensorgate.plugin.submit.views import NodeView
 
-from .node_double import Behaviour, NodeDouble
+from .node_double import NodeDouble
+from .node_parts import Behaviour
 
 PLAIN = NodeView("2.2.4", "odm", "3.6.0", None, 1, 0, None, False)
 CLUSTER = NodeView("1.5.3", "odm", "3.6.0", None, None, 0, None, True)

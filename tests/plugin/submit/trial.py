@@ -16,7 +16,8 @@ from sensorgate.plugin.submit.client import NodeClient
 from sensorgate.plugin.submit.ledger import CANCELED, DISCARDED, DONE, LOST, OPEN, Ledger
 
 from .making import CALIBRATION, files_of, project, quick
-from .node_double import FAULTS, Behaviour, NodeDouble
+from .node_double import NodeDouble
+from .node_parts import FAULTS, Behaviour
 
 DIES_BEFORE, DIES_AFTER = "client-dies-before", "client-dies-after"
 KINDS = (*FAULTS, DIES_BEFORE, DIES_AFTER)
