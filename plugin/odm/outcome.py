@@ -6,28 +6,25 @@ one. Nothing is written.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Dict, FrozenSet, List, Optional, Sequence, Set, Tuple, Union
+from typing import Dict, List, Optional, Set, Tuple, Union
 
 import numpy as np
 
-from ...stages.align.fit import called
-from ...stages.align.judge import FAIL, PASS, UNPROVEN
-from ...stages.align.model import AlignmentReport, PayloadAlignment
+from ...stages.align.judge import FAIL, UNPROVEN
+from ...stages.align.model import AlignmentReport
 from ...stages.errors import BlockedError, UsageError
-from ...stages.route import ISOLATE, PAIRWISE, PROCEED
 from ...stages.thresholds import DEFAULTS, Thresholds
 from .opensfm_cameras import OpenSfmCamera
-from .opensfm_errors import ErrorFigures
 from .opensfm_model import OdmModel
-from .outcome_console import FAILED, FINISHED, NO_RECONSTRUCTION, UNFINISHED, ConsoleOutcome
+from .outcome_console import FINISHED, NO_RECONSTRUCTION, UNFINISHED, ConsoleOutcome
 from .outcome_control import marks_of_project
 from .outcome_frames import ProjectFrames, opensfm_folder, project_frames
 from .outcome_judge import PlacedFrames, focal_changes, judge_project
+from .outcome_model import CameraOutcome, Outcome
 from .outcome_read import (
     CONSOLES,
-    OdmFigures,
     RunLog,
     feature_side,
     read_figures,
@@ -36,75 +33,14 @@ from .outcome_read import (
     read_placed,
     start_cameras,
 )
+from .outcome_route import advice_of, payload_routes, route_of
+from .outcome_split import SUBMODELS, submodels_of, summed
 
 _SIGNS = ("opensfm", "log.json", "odm_report", "images.json", "reconstruction.json", *CONSOLES)
 
 
-@dataclass(frozen=True)
-class CameraOutcome:
-    """One camera of ODM's: who shared it, how far its focal moved, its errors (``None`` without tracks)."""
-
-    id: str
-    frames: int
-    profiles: Tuple[str, ...]
-    focal_start: Optional[float]
-    focal_solved: Optional[float]
-    focal_change: Optional[float]
-    errors: Optional[ErrorFigures]
-
-
-@dataclass(frozen=True)
-class PayloadRoute:
-    """What the router would do with one payload."""
-
-    payload: str
-    verdict: str
-    route: str
-    reasons: Tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """A run judged.
-
-    ``state`` is ``finished``, ``failed`` or ``unfinished``; ``route`` what the
-    router would do: ``proceed``, ``pairwise``, ``isolate`` or ``unproven``
-    (nothing proves it, or there is nobody to separate). ``alignment`` is the
-    verdict in the alignment's own type, ``None`` where ODM named no frame.
-    ``components`` are the frames of each true piece, the largest first.
-    ``missing`` frames were given to ODM and not placed, ``dropped`` ones it
-    never took. ``ties_from`` says what the ties were counted by.
-    """
-
-    state: str
-    route: str
-    reasons: Tuple[str, ...]
-    advice: Tuple[str, ...]
-    payloads: Tuple[PayloadRoute, ...]
-    alignment: Optional[AlignmentReport]
-    frames: int
-    registered: int
-    components: Tuple[int, ...]
-    missing: Tuple[str, ...]
-    dropped: Tuple[str, ...]
-    cameras: Tuple[CameraOutcome, ...]
-    odm: OdmFigures
-    odm_version: str
-    stage: str
-    error: str
-    console: ConsoleOutcome
-    grouped_by: str
-    ties_from: str
-    notes: Tuple[str, ...]
-
-    @property
-    def exit_code(self) -> int:
-        """0 done, 1 rerouted, unproven or failed."""
-        return 0 if self.state == FINISHED and self.route == PROCEED else 1
-
-
 def read_outcome(folder: Union[str, Path], limits: Thresholds = DEFAULTS) -> Outcome:
-    """Read what ODM left in a project folder and judge it.
+    """Read what ODM left in a project folder and judge it; of a split run every part that is still there.
 
     Raises ``UsageError`` where there is no such folder and ``BlockedError``
     where it holds nothing of ODM. A damaged file is noted and leaves open what
@@ -115,6 +51,16 @@ def read_outcome(folder: Union[str, Path], limits: Thresholds = DEFAULTS) -> Out
         raise UsageError(f"There is no folder {folder}.")
     if not any((folder / name).exists() for name in _SIGNS):
         raise BlockedError(f"{folder} holds nothing that ODM wrote: no opensfm folder, no log.json, no odm_report.")
+    whole, log, project = _read(folder, folder, limits)
+    parts = [(name, _read(folder / SUBMODELS / name, folder, limits)[0]) for name in submodels_of(folder, limits)]
+    if not parts:
+        gone = "this was a split run, and its parts are gone: nothing tells how they were placed"
+        return replace(whole, notes=(*whole.notes, gone)) if (folder / SUBMODELS).is_dir() else whole
+    return summed(whole, parts, log, {f.path: f.payload for f in project.request.frames}, limits)
+
+
+def _read(folder: Path, home: Path, limits: Thresholds) -> Tuple[Outcome, RunLog, ProjectFrames]:
+    """One model's outcome, how its run ended, its frames; ``home`` is the project that a split run's part is of."""
     notes: List[str] = []
     opensfm = opensfm_folder(folder)
     log = read_log(folder, limits, notes)
@@ -125,7 +71,7 @@ def read_outcome(folder: Union[str, Path], limits: Thresholds = DEFAULTS) -> Out
         pairs, ties_from = model.shared, "shared points"
     start = start_cameras(opensfm, limits, notes)
     camera_of = dict(zip(placed.names, placed.camera_of)) if placed else {}
-    project = project_frames(folder, camera_of, {**(placed.cameras if placed else {}), **start}, limits)
+    project = project_frames(folder, camera_of, {**(placed.cameras if placed else {}), **start}, limits, home)
     report = None
     if project.request.frames:
         report = judge_project(
@@ -145,13 +91,11 @@ def read_outcome(folder: Union[str, Path], limits: Thresholds = DEFAULTS) -> Out
     state = log.state
     if state == UNFINISHED and opensfm == folder and placed is not None:
         state = FINISHED  # a bare OpenSfM data set has no log of ODM's
-    if (folder / "submodels").is_dir():
-        notes.append("this was a split run: read each folder below submodels/ by itself")
     cameras = _cameras(project, placed, model, start, limits)
     payloads = payload_routes(report)
     route, reasons = route_of(state, payloads, log, report)
     trusted = frozenset(c.profile for c in project.request.cameras if c.intrinsics.focal_trusted)
-    return Outcome(
+    outcome = Outcome(
         state=state,
         route=route,
         reasons=reasons,
@@ -173,6 +117,7 @@ def read_outcome(folder: Union[str, Path], limits: Thresholds = DEFAULTS) -> Out
         ties_from=ties_from,
         notes=tuple(dict.fromkeys([*notes, *project.notes, *(placed.notes if placed else ())])),
     )
+    return outcome, log, project
 
 
 def _with_console_pieces(
@@ -216,143 +161,6 @@ def _sizes(report: Optional[AlignmentReport], console: ConsoleOutcome, model: Op
         if frame.component is not None:
             count[frame.component] = count.get(frame.component, 0) + 1
     return tuple(sorted(count.values(), reverse=True))
-
-
-def payload_routes(report: Optional[AlignmentReport]) -> Tuple[PayloadRoute, ...]:
-    """What the router would do with each payload (pure).
-
-    A refused payload beside one that stands is tried pairwise where it has
-    any verified pair, else isolated; where nothing stands, every payload goes
-    alone. A payload by itself has nobody to be separated from.
-    """
-    if report is None:
-        return ()
-    several = len(report.payloads) > 1
-    verdicts = {p.verdict for p in report.payloads}
-    stands = PASS in verdicts or (UNPROVEN in verdicts and FAIL in verdicts)
-
-    def route(p: PayloadAlignment) -> str:
-        if p.verdict == PASS:
-            return PROCEED
-        if not several:
-            return UNPROVEN
-        if p.verdict == UNPROVEN:
-            return ISOLATE if PASS in verdicts else UNPROVEN
-        return PAIRWISE if stands and p.cross_pairs else ISOLATE
-
-    return tuple(PayloadRoute(p.payload, p.verdict, route(p), p.reasons) for p in report.payloads)
-
-
-def route_of(
-    state: str, payloads: Sequence[PayloadRoute], log: RunLog, report: Optional[AlignmentReport]
-) -> Tuple[str, Tuple[str, ...]]:
-    """The route of the whole project and its reasons (pure)."""
-    placed = report is not None and report.registered > 0
-    if placed:
-        for route in (PAIRWISE, ISOLATE, UNPROVEN):
-            mine = [p for p in payloads if p.route == route]
-            if mine:
-                reasons = tuple(f"{p.payload}: {r}" for p in mine for r in p.reasons[:2])
-                return route, _ended(state, log) + reasons
-        if state == FINISHED:
-            return PROCEED, tuple(f"{p.payload}: {r}" for p in payloads for r in p.reasons)
-        if state == FAILED and log.console.cause is None:
-            return UNPROVEN, (*_ended(state, log), "its frames were placed well: mixing cameras is not the cause")
-    cause = log.console.cause
-    several = len(payloads) > 1
-    if cause is not None:
-        route = cause.route if several and cause.route else UNPROVEN
-        return route, _ended(state, log)
-    if not placed and several and log.console.stage == "opensfm" and state == FAILED:
-        return PAIRWISE, _ended(state, log)
-    return UNPROVEN, _ended(state, log) or ("no reconstruction is in this folder",)
-
-
-def _ended(state: str, log: RunLog) -> Tuple[str, ...]:
-    """How a run that did not finish ended, in one sentence."""
-    if state == FINISHED:
-        return ()
-    where = f" in its {log.console.stage} stage" if log.console.stage else ""
-    if state == UNFINISHED:
-        return (f"ODM has not finished: it stopped or still works{where}",)
-    cause = log.console.cause
-    if cause is not None:
-        return (f"ODM failed{where}: {cause.message}",)
-    words = log.error or log.console.last
-    return (f"ODM failed{where}" + (f"; its last words: {words[:160]}" if words else ""),)
-
-
-def advice_of(
-    report: Optional[AlignmentReport],
-    payloads: Sequence[PayloadRoute],
-    cameras: Sequence[CameraOutcome],
-    console: ConsoleOutcome,
-    limits: Thresholds,
-    trusted: FrozenSet[str] = frozenset(),
-) -> Tuple[str, ...]:
-    """What a person can do, most useful first (pure); ``trusted`` are profiles whose calibration is known."""
-    said: List[str] = []
-    for fact in console.facts:
-        if fact.remedy:
-            said.append(f"{fact.message}: {fact.remedy}")
-    routes = {p.payload: p.route for p in payloads}
-    for p in report.payloads if report else ():
-        if routes[p.payload] == PAIRWISE:
-            said.append(
-                f"{p.payload}: join it pairwise to {_standing(payloads)}, with ground control where there is any "
-                "(sensorgate run --gcp FILE)."
-            )
-        elif routes[p.payload] == ISOLATE:
-            said.append(f"{p.payload}: give it its own project (sensorgate run does).")
-        if p.verdict == FAIL and _fits(p, limits) and len(payloads) > 1:
-            said.append(
-                f"{p.payload} holds by itself and lies apart from the rest: run it alone and lay it on the other "
-                "result with ODM's align option."
-            )
-        if p.gps_offset_m is not None:
-            said.append(f"{p.payload}: its positions are shifted; correct them in geo.txt before fusing.")
-    if report and called(report.bowing, limits.bowing_sigma):
-        said.append(
-            f"The block bows by {report.bowing.bowing_m:+.2f} m: hold the cameras at a known calibration "
-            "(sensorgate run chooses one), or add cross strips and ground control."
-        )
-    for solved in report.cameras if report else ():
-        off = solved.prior_change
-        if solved.profile in trusted and solved.frames and off is not None and abs(off) > limits.outcome_focal_change:
-            said.append(
-                f"The focal length that ODM used for {solved.profile} is {100 * off:+.1f} % off its calibration: "
-                "heights and areas are wrong by as much. sensorgate run hands ODM the right one."
-            )
-    for camera in cameras:
-        if camera.focal_change is not None and abs(camera.focal_change) > limits.outcome_focal_change:
-            said.append(
-                f"ODM moved the focal length of {camera.id} by {100 * camera.focal_change:+.1f} %: give it a "
-                "calibration, or check its tags with sensorgate gate."
-            )
-        if len(camera.profiles) > 1:
-            said.append(
-                f"ODM solved {' and '.join(camera.profiles)} as one camera ({camera.id}): sensorgate run tells them "
-                "apart."
-            )
-    if report and len(payloads) == 1 and payloads[0].verdict == FAIL and not console.facts:
-        said.append(
-            "There is one payload, so separating helps nothing: try feature-quality high with min-num-features "
-            "20000, or fly with more overlap."
-        )
-    return tuple(dict.fromkeys(said))
-
-
-def _standing(payloads: Sequence[PayloadRoute]) -> str:
-    names = [p.payload for p in payloads if p.route == PROCEED] or [p.payload for p in payloads if p.verdict != FAIL]
-    return names[0] if names else "the largest"
-
-
-def _fits(p: PayloadAlignment, limits: Thresholds) -> bool:
-    """Whether a payload's own fit is within its limit."""
-    fit = p.alone
-    if fit.horizontal_m is None or fit.sigma_horizontal_m is None or fit.collinear:
-        return False
-    return fit.horizontal_m <= limits.gps_sigma_factor * fit.sigma_horizontal_m
 
 
 def _cameras(

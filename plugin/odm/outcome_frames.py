@@ -60,9 +60,15 @@ def opensfm_folder(folder: Path) -> Path:
 
 
 def project_frames(
-    folder: Path, placed: Mapping[str, str], cameras: Mapping[str, OpenSfmCamera], limits: Thresholds
+    folder: Path,
+    placed: Mapping[str, str],
+    cameras: Mapping[str, OpenSfmCamera],
+    limits: Thresholds,
+    home: Optional[Path] = None,
 ) -> ProjectFrames:
     """Gather the frames of a project; ``placed`` is placed frame -> ODM camera, ``cameras`` ODM's start values.
+
+    ``home`` is the project that a run of ours wrote, where ``folder`` is a part of it.
 
     Nothing here raises for a missing or damaged file: what it would have said
     is left open and noted.
@@ -72,7 +78,7 @@ def project_frames(
     names = _listed(opensfm_folder(folder), limits, notes) or _primary(metadata, placed)
     present = _images(folder)
     names = sorted(set(names or present) | set(placed))[: limits.outcome_max_frames]
-    ours, planned = _our_rows(folder, limits, notes)
+    ours, planned = _our_rows(home or folder, limits, notes)
     dropped: Set[str] = (present - set(metadata)) if metadata else (present - set(names) if names else set())
     read = _from_images(folder, [n for n in names if n in present], limits) if present else {}
     frames: List[AlignFrame] = []

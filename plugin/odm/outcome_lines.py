@@ -8,8 +8,8 @@ from ...stages.align.model import PayloadAlignment
 from ...stages.record import to_plain
 from ...stages.route import ISOLATE, PAIRWISE, PROCEED
 from ..report.view import clean_text
-from .outcome import CameraOutcome, Outcome
 from .outcome_console import FAILED, FINISHED
+from .outcome_model import CameraOutcome, Outcome, SubmodelOutcome
 
 _SHOWN = 6
 _ROUTES = {
@@ -28,6 +28,7 @@ def lines(outcome: Outcome, name: str) -> List[str]:
     """What became of the project ``name``, what the router would do, and what a person can do."""
     said = [_headline(outcome, name)]
     said += _placed(outcome)
+    said += [_submodel(s) for s in outcome.submodels]
     if outcome.alignment is not None and outcome.registered:
         for payload in outcome.alignment.payloads:
             said.append(_payload(payload))
@@ -36,9 +37,12 @@ def lines(outcome: Outcome, name: str) -> List[str]:
         counts = [f"{p.payload} ({p.frames})" for p in outcome.alignment.payloads]
         said.append(f"  Payloads: {_some(counts)}")
     said += [_camera(c) for c in outcome.cameras]
+    control = outcome.alignment.control if outcome.alignment is not None else None
+    if control is not None:
+        said.append(f"  Ground control, laid on the solved cameras: {control.text}")
     if outcome.odm.gcp is not None and outcome.odm.gcp.mean_m is not None:
         points = f"{outcome.odm.gcp.points} points, " if outcome.odm.gcp.points else ""
-        said.append(f"  Ground control: {points}{outcome.odm.gcp.mean_m:.3f} m after the adjustment")
+        said.append(f"  Ground control by ODM's report: {points}{outcome.odm.gcp.mean_m:.3f} m after the adjustment")
     said += ["", f"Route: {_route(outcome)}"]
     said += [f"  {r}" for r in outcome.reasons[:_SHOWN]] if outcome.route != PROCEED else []
     if outcome.advice:
@@ -70,12 +74,20 @@ def _headline(outcome: Outcome, name: str) -> str:
     return f"{name}: ODM{version} {ended}{where}."
 
 
+def _submodel(part: SubmodelOutcome) -> str:
+    verdict = f", {part.alignment.verdict}" if part.alignment is not None and part.registered else ""
+    pieces = f" in {len(part.components)} pieces" if len(part.components) > 1 else ""
+    return f"  Part {part.name}: {part.registered} of {part.frames} frames placed{pieces}{verdict}"
+
+
 def _placed(outcome: Outcome) -> List[str]:
     if not outcome.frames:
         return ["  No list of frames is in this folder."]
     pieces = len(outcome.components)
     text = f"  {outcome.registered} of {outcome.frames} frames placed"
-    if pieces > 1:
+    if outcome.submodels:
+        text += f", in {len(outcome.submodels)} parts that ODM split the run into"
+    elif pieces > 1:
         text += f", in {pieces} separate pieces of {', '.join(map(str, outcome.components[:_SHOWN]))} frames"
         text += " (ODM's report says 1)" if outcome.odm.components == 1 else ""
     found = [text]
@@ -105,7 +117,8 @@ def _payload(p: PayloadAlignment) -> str:
 
 
 def _camera(c: CameraOutcome) -> str:
-    text = f"  Camera {c.id}: {c.frames} frames"
+    where = f" in {c.submodel}" if c.submodel else ""
+    text = f"  Camera {c.id}{where}: {c.frames} frames"
     if c.focal_solved is not None:
         text += f", focal {c.focal_solved:.4f}"
         text += f" ({100 * c.focal_change:+.2f} % from its start)" if c.focal_change is not None else ""

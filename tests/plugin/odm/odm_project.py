@@ -10,7 +10,7 @@ import gzip
 import json
 import pickle
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -137,6 +137,20 @@ def write_project(block: Block, root: Path) -> Path:
         _json(root / "odm_report" / "shots.geojson", _shots(block, placed))
     write_matches(opensfm / "matches", [f.name for f in block.frames], shared)
     _json(root / "log.json", _log(block))
+    return root
+
+
+def write_split(block: Block, root: Path, overlap: int = 3) -> Path:
+    """A split run of two parts that share ``overlap`` frames of each payload: the whole has no model of its own."""
+    write_project(replace(block, frames=[replace(f, placed=False) for f in block.frames]), root)
+    payloads = [block.of(p) for p in sorted({f.payload.id for f in block.frames})]
+    for number in range(2):
+        mine = []
+        for frames in payloads:
+            half = len(frames) // 2
+            mine += frames[: half + overlap] if number == 0 else frames[half:]
+        write_project(replace(block, frames=mine), root / f"submodels/submodel_{number:04d}")
+    (root / "submodels/opensfm").mkdir()
     return root
 
 

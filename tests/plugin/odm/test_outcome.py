@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Callable
 
@@ -14,7 +15,7 @@ from sensorgate.stages.errors import BlockedError, UsageError
 from sensorgate.stages.route import PipelineRouter
 
 from tests.frames import REAL
-from tests.plugin.odm.odm_project import NO_PROJECT, Block, Frame, fly_block, write_control, write_project
+from tests.plugin.odm.odm_project import NO_PROJECT, Block, Frame, fly_block, write_control, write_project, write_split
 from tests.simulator.catalogue import phantom4pro
 
 P4 = "dji fc330 1332 1000 brown 0.5850"
@@ -267,6 +268,39 @@ def test_a_ground_control_list_that_means_nothing_is_noted(tmp_path: Path) -> No
     (folder / "gcp_list.txt").write_text("no such system\n1 2 3 4 5 a.jpg\n")
     found = read_outcome(folder)
     assert found.route == "proceed" and len(found.notes) == 1
+
+
+def test_a_split_run_is_judged_by_its_parts(tmp_path: Path) -> None:
+    folder = write_split(fly_block(strips=4), tmp_path / "project")
+    found = read_outcome(folder)
+    assert (found.state, found.route, found.exit_code) == ("finished", "proceed", 0)
+    assert (found.frames, found.registered, found.missing) == (40, 40, ())
+    assert [(s.name, s.registered) for s in found.submodels] == [("submodel_0000", 26), ("submodel_0001", 20)]
+    assert found.components == (26, 20) and routes(found) == {P4: ("pass", "proceed"), P4P: ("pass", "proceed")}
+    report = found.alignment
+    assert report is not None and (report.components, report.areas) == (2, 2) and report.verdict == "pass"
+    assert PipelineRouter().evaluate_alignment(report) == "proceed_bundle_adjustment"
+    assert any("in 2 parts" in line for line in lines(found, "project"))
+    json.dumps(record(found), allow_nan=False)
+    shutil.rmtree(folder / "submodels/submodel_0000")
+    shutil.rmtree(folder / "submodels/submodel_0001")
+    gone = read_outcome(folder)
+    assert gone.exit_code == 1 and any("parts are gone" in n for n in gone.notes)
+
+
+def test_one_bad_part_of_a_split_run_condemns_the_payload_that_is_bad_in_it(tmp_path: Path) -> None:
+    block = fly_block(strips=4)
+    folder = write_split(block, tmp_path / "project")
+    block.warps["bent"] = bent
+    block.ties = 60
+    second = folder / "submodels/submodel_0001"
+    shutil.rmtree(second)
+    late = [f for p in ("p4", "p4p") for f in block.of(p)[10:]]
+    frames = [replace(f, group="bent" if f.payload.id == "p4" else "") for f in late]
+    write_project(replace(block, frames=frames), second)
+    found = read_outcome(folder)
+    assert routes(found) == {P4: ("fail", "pairwise"), P4P: ("pass", "proceed")}
+    assert found.exit_code == 1 and all("submodel_0001" in r for r in found.reasons)
 
 
 def test_a_run_that_failed_early_says_why(make: Make) -> None:

@@ -1,0 +1,151 @@
+"""What the router would do after an ODM run, why, and what a person can do (pure)."""
+
+from __future__ import annotations
+
+from typing import FrozenSet, List, Optional, Sequence, Tuple
+
+from ...stages.align.fit import called
+from ...stages.align.judge import FAIL, PASS, UNPROVEN
+from ...stages.align.model import AlignmentReport, PayloadAlignment
+from ...stages.route import ISOLATE, PAIRWISE, PROCEED
+from ...stages.thresholds import Thresholds
+from .outcome_console import FAILED, FINISHED, UNFINISHED, ConsoleOutcome
+from .outcome_model import CameraOutcome, PayloadRoute
+from .outcome_read import RunLog
+
+
+def payload_routes(report: Optional[AlignmentReport]) -> Tuple[PayloadRoute, ...]:
+    """What the router would do with each payload (pure).
+
+    A refused payload beside one that stands is tried pairwise where it has
+    any verified pair, else isolated; where nothing stands, every payload goes
+    alone. A payload by itself has nobody to be separated from.
+    """
+    if report is None:
+        return ()
+    several = len(report.payloads) > 1
+    verdicts = {p.verdict for p in report.payloads}
+    stands = PASS in verdicts or (UNPROVEN in verdicts and FAIL in verdicts)
+
+    def route(p: PayloadAlignment) -> str:
+        if p.verdict == PASS:
+            return PROCEED
+        if not several:
+            return UNPROVEN
+        if p.verdict == UNPROVEN:
+            return ISOLATE if PASS in verdicts else UNPROVEN
+        return PAIRWISE if stands and p.cross_pairs else ISOLATE
+
+    return tuple(PayloadRoute(p.payload, p.verdict, route(p), p.reasons) for p in report.payloads)
+
+
+def route_of(
+    state: str, payloads: Sequence[PayloadRoute], log: RunLog, report: Optional[AlignmentReport]
+) -> Tuple[str, Tuple[str, ...]]:
+    """The route of the whole project and its reasons (pure)."""
+    placed = report is not None and report.registered > 0
+    if placed:
+        for route in (PAIRWISE, ISOLATE, UNPROVEN):
+            mine = [p for p in payloads if p.route == route]
+            if mine:
+                reasons = tuple(f"{p.payload}: {r}" for p in mine for r in p.reasons[:2])
+                return route, _ended(state, log) + reasons
+        if state == FINISHED:
+            return PROCEED, tuple(f"{p.payload}: {r}" for p in payloads for r in p.reasons)
+        if state == FAILED and log.console.cause is None:
+            return UNPROVEN, (*_ended(state, log), "its frames were placed well: mixing cameras is not the cause")
+    cause = log.console.cause
+    several = len(payloads) > 1
+    if cause is not None:
+        route = cause.route if several and cause.route else UNPROVEN
+        return route, _ended(state, log)
+    if not placed and several and log.console.stage == "opensfm" and state == FAILED:
+        return PAIRWISE, _ended(state, log)
+    return UNPROVEN, _ended(state, log) or ("no reconstruction is in this folder",)
+
+
+def _ended(state: str, log: RunLog) -> Tuple[str, ...]:
+    """How a run that did not finish ended, in one sentence."""
+    if state == FINISHED:
+        return ()
+    where = f" in its {log.console.stage} stage" if log.console.stage else ""
+    if state == UNFINISHED:
+        return (f"ODM has not finished: it stopped or still works{where}",)
+    cause = log.console.cause
+    if cause is not None:
+        return (f"ODM failed{where}: {cause.message}",)
+    words = log.error or log.console.last
+    return (f"ODM failed{where}" + (f"; its last words: {words[:160]}" if words else ""),)
+
+
+def advice_of(
+    report: Optional[AlignmentReport],
+    payloads: Sequence[PayloadRoute],
+    cameras: Sequence[CameraOutcome],
+    console: ConsoleOutcome,
+    limits: Thresholds,
+    trusted: FrozenSet[str] = frozenset(),
+) -> Tuple[str, ...]:
+    """What a person can do, most useful first (pure); ``trusted`` are profiles whose calibration is known."""
+    said: List[str] = []
+    for fact in console.facts:
+        if fact.remedy:
+            said.append(f"{fact.message}: {fact.remedy}")
+    routes = {p.payload: p.route for p in payloads}
+    for p in report.payloads if report else ():
+        if routes[p.payload] == PAIRWISE:
+            said.append(
+                f"{p.payload}: join it pairwise to {_standing(payloads)}, with ground control where there is any "
+                "(sensorgate run --gcp FILE)."
+            )
+        elif routes[p.payload] == ISOLATE:
+            said.append(f"{p.payload}: give it its own project (sensorgate run does).")
+        if p.verdict == FAIL and _fits(p, limits) and len(payloads) > 1:
+            said.append(
+                f"{p.payload} holds by itself and lies apart from the rest: run it alone and lay it on the other "
+                "result with ODM's align option."
+            )
+        if p.gps_offset_m is not None:
+            said.append(f"{p.payload}: its positions are shifted; correct them in geo.txt before fusing.")
+    if report and called(report.bowing, limits.bowing_sigma):
+        said.append(
+            f"The block bows by {report.bowing.bowing_m:+.2f} m: hold the cameras at a known calibration "
+            "(sensorgate run chooses one), or add cross strips and ground control."
+        )
+    for solved in report.cameras if report else ():
+        off = solved.prior_change
+        if solved.profile in trusted and solved.frames and off is not None and abs(off) > limits.outcome_focal_change:
+            said.append(
+                f"The focal length that ODM used for {solved.profile} is {100 * off:+.1f} % off its calibration: "
+                "heights and areas are wrong by as much. sensorgate run hands ODM the right one."
+            )
+    for camera in cameras:
+        if camera.focal_change is not None and abs(camera.focal_change) > limits.outcome_focal_change:
+            said.append(
+                f"ODM moved the focal length of {camera.id} by {100 * camera.focal_change:+.1f} %: give it a "
+                "calibration, or check its tags with sensorgate gate."
+            )
+        if len(camera.profiles) > 1:
+            said.append(
+                f"ODM solved {' and '.join(camera.profiles)} as one camera ({camera.id}): sensorgate run tells them "
+                "apart."
+            )
+    if report and len(payloads) == 1 and payloads[0].verdict == FAIL and not console.facts:
+        said.append(
+            "There is one payload, so separating helps nothing: try feature-quality high with min-num-features "
+            "20000, or fly with more overlap."
+        )
+    return tuple(dict.fromkeys(said))
+
+
+def _standing(payloads: Sequence[PayloadRoute]) -> str:
+    names = [p.payload for p in payloads if p.route == PROCEED] or [p.payload for p in payloads if p.verdict != FAIL]
+    return names[0] if names else "the largest"
+
+
+def _fits(p: PayloadAlignment, limits: Thresholds) -> bool:
+    """Whether a payload's own fit is within its limit."""
+    fit = p.alone
+    if fit.horizontal_m is None or fit.sigma_horizontal_m is None or fit.collinear:
+        return False
+    return fit.horizontal_m <= limits.gps_sigma_factor * fit.sigma_horizontal_m
