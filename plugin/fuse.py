@@ -10,8 +10,8 @@ from ..stages.progress import Cancel, Progress
 from ..stages.rasters import Fusion, fuse_rasters
 from ..stages.record import to_plain
 from ..stages.thresholds import DEFAULTS, Thresholds
+from .odm.layout import ORTHOPHOTO
 
-_ORTHOPHOTO = ("odm_orthophoto", "odm_orthophoto.tif")
 SCHEMA_VERSION = 1
 
 
@@ -19,7 +19,7 @@ def find_orthophotos(folder: Path) -> Tuple[Tuple[str, Path], ...]:
     """Name and orthophoto of every sub-project below ``folder``/projects (or ``folder``), by name."""
     for base in (folder / "projects", folder):
         if base.is_dir():
-            found = [(p.name, p.joinpath(*_ORTHOPHOTO)) for p in sorted(base.iterdir()) if p.is_dir()]
+            found = [(p.name, p.joinpath(*ORTHOPHOTO)) for p in sorted(base.iterdir()) if p.is_dir()]
             present = tuple((name, path) for name, path in found if path.is_file())
             if present:
                 return present
@@ -31,7 +31,7 @@ def named(files: Sequence[Path]) -> Tuple[Tuple[str, Path], ...]:
     result: List[Tuple[str, Path]] = []
     taken = set()
     for path in files:
-        inside = path.parts[-2:] == _ORTHOPHOTO and len(path.resolve().parts) > 3
+        inside = path.parts[-2:] == ORTHOPHOTO and len(path.resolve().parts) > 3
         base = path.resolve().parts[-3] if inside else path.stem
         name, number = base, 2
         while name in taken:
@@ -63,7 +63,7 @@ def fuse(
         found = find_orthophotos(folder)
         if not found:
             raise UsageError(
-                f"There is no orthophoto below {folder} (projects/NAME/odm_orthophoto/odm_orthophoto.tif). "
+                f"There is no orthophoto below {folder} (projects/NAME/{'/'.join(ORTHOPHOTO)}). "
                 "Process the sub-projects first (sensorgate submit, or each project's sensorgate/odm.sh)."
             )
         sources.extend(found)

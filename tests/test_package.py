@@ -2,75 +2,23 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import re
 import subprocess
 import sys
+import tarfile
 import venv
+import zipfile
 from pathlib import Path
 
+import numpy
+import PIL
 import pytest
 
+from tests import simulator
+
 ROOT = Path(__file__).resolve().parents[1]
-
-
-def modules(folder):
-    return sorted(p for p in (ROOT / folder).rglob("*.py"))
-
-
-def imports(path):
-    """(level, module) of every import statement, at any depth."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom):
-            yield node.level, node.module or ""
-        elif isinstance(node, ast.Import):
-            for alias in node.names:
-                yield 0, alias.name
-
-
-def top_level_imports(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in tree.body:
-        if isinstance(node, ast.Import):
-            yield from (a.name for a in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            yield node.module or ""
-
-
-def test_stages_never_import_the_plugin():
-    for path in modules("stages"):
-        depth = len(path.relative_to(ROOT / "stages").parts)
-        for level, module in imports(path):
-            assert not module.startswith(("sensorgate", "plugin")), path
-            assert level <= depth, f"{path} reaches above stages"
-
-
-def test_imports_inside_the_package_are_relative():
-    for folder in ("stages", "plugin"):
-        for path in modules(folder):
-            for level, module in imports(path):
-                if level == 0:
-                    assert module.split(".")[0] not in ("sensorgate", "stages", "plugin"), f"{path}: {module}"
-
-
-def test_heavy_libraries_are_imported_where_they_are_needed():
-    heavy = {"cv2", "pycolmap", "osgeo", "pyodm", "pyodx", "jinja2", "pyproj", "tqdm", "django"}
-    for folder in ("stages", "plugin"):
-        for path in modules(folder):
-            found = {name.split(".")[0] for name in top_level_imports(path)} & heavy
-            assert not found, f"{path} imports {found} when it is loaded"
-
-
-def test_the_gate_imports_numpy_and_pillow_alone():
-    code = (
-        "import sys\n"
-        "from sensorgate.stages import gate, read, survey\n"
-        "heavy = {'cv2', 'pycolmap', 'osgeo', 'pyodm', 'jinja2', 'pyproj', 'tqdm', 'scipy'} & set(sys.modules)\n"
-        "assert not heavy, heavy\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT.parent)
 
 
 def test_every_package_is_listed():
@@ -95,48 +43,105 @@ def test_no_python_file_stands_at_the_top():
     assert not list(ROOT.glob("*.py"))
 
 
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    out = tmp_path_factory.mktemp("wheel")
-    subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", str(out), str(ROOT)],
-        check=True,
-        cwd=out,
-    )
-    (found,) = out.glob("sensorgate-*.whl")
+def build(kind, source, out):
+    """A wheel or an sdist of ``source``, as ``pip`` and ``python -m build`` make them, without the network."""
+    command = [sys.executable, "-m", "build", f"--{kind}", "--no-isolation", "--outdir", str(out), str(source)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=out)
+    assert done.returncode == 0, done.stderr[-2000:]
+    (found,) = [*out.glob("sensorgate-*.whl")] if kind == "wheel" else [*out.glob("sensorgate-*.tar.gz")]
     return found
 
 
-def test_the_wheel_works_in_an_empty_environment(wheel, tmp_path):
-    """numpy and Pillow are borrowed from here by path; everything of ours must come from the wheel."""
-    home = tmp_path / "env"
-    venv.create(home, with_pip=False)
-    python = home / "bin" / "python"
-    site = subprocess.run(
-        [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"],
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout.strip()
-    subprocess.run(
-        [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", site, str(wheel)], check=True
-    )
-    names = set(os.listdir(site))
-    assert "sensorgate" in names
-    assert not names & {"stages", "plugin", "tests"}, "a top-level stages would collide with ODM's own"
-    import numpy
-    import PIL
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory):
+    pytest.importorskip("build")
+    return build("sdist", ROOT, tmp_path_factory.mktemp("sdist"))
 
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join({str(Path(m.__file__).parents[1]) for m in (numpy, PIL)})}
-    # -I would drop PYTHONPATH; an editable finder of the borrowed site must not answer for the wheel.
-    code = (
-        "import sys; sys.meta_path[:] = [f for f in sys.meta_path if 'editable' not in repr(f)]\n"
-        "import sensorgate.plugin.cli as cli, sensorgate.stages.gate as gate\n"
-        f"assert gate.__file__.startswith({str(site)!r}), gate.__file__\n"
-        "sys.exit(cli.main(['gate', sys.argv[1]]))"
+
+@pytest.fixture(scope="module")
+def wheel(sdist, tmp_path_factory):
+    """Built of the unpacked sdist, not of this folder: what is missing there is missing for everybody."""
+    home = tmp_path_factory.mktemp("unpacked")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(home)
+    (source,) = home.iterdir()
+    return build("wheel", source, tmp_path_factory.mktemp("wheel"))
+
+
+def data_files():
+    """Everything below the packages that is no module."""
+    for folder in ("stages", "plugin"):
+        for path in (ROOT / folder).rglob("*"):
+            if path.is_file() and path.suffix not in (".py", ".pyc") and "__pycache__" not in path.parts:
+                yield path.relative_to(ROOT).as_posix()
+
+
+def test_the_wheel_holds_every_module_and_data_file_and_nothing_else(wheel):
+    names = set(zipfile.ZipFile(wheel).namelist())
+    ours = {n for n in names if ".dist-info/" not in n}
+    modules = {p.relative_to(ROOT).as_posix() for f in ("stages", "plugin") for p in (ROOT / f).rglob("*.py")}
+    data = set(data_files())
+    assert {Path(n).suffix for n in data} >= {".json", ".html", ".css", ".js"}
+    assert ours == {f"sensorgate/{n}" for n in (*modules, *data, "manifest.json")}
+    assert not {n.split("/")[0] for n in ours} & {"stages", "plugin", "tests"}, "would collide with ODM's own stages"
+
+
+def test_the_sdist_holds_what_a_build_needs(sdist):
+    with tarfile.open(sdist) as archive:
+        names = {n.partition("/")[2] for n in archive.getnames()}
+    assert {"pyproject.toml", "README.md", "LICENSE", "manifest.json"} <= names
+    assert set(data_files()) <= names
+
+
+@pytest.fixture(scope="module")
+def empty(wheel, tmp_path_factory):
+    """An environment that holds the wheel alone; numpy and Pillow are borrowed from here, and nothing else is."""
+    home = tmp_path_factory.mktemp("empty")
+    venv.create(home / "env", with_pip=False)
+    python = home / "env" / ("Scripts" if os.name == "nt" else "bin") / "python"
+    subprocess.run([sys.executable, "-m", "pip", "--python", str(python), "install", "-q", "--no-deps", str(wheel)],
+                   check=True)  # fmt: skip
+    borrowed = home / "borrowed"
+    borrowed.mkdir()
+    for module in (numpy, PIL):
+        source = Path(module.__file__).parent
+        for found in (source, *source.parent.glob(f"{source.name.lower()}.libs")):
+            (borrowed / found.name).symlink_to(found)
+    return python, {**os.environ, "PYTHONPATH": str(borrowed)}
+
+
+def sensorgate(empty, *arguments, cwd):
+    python, env = empty
+    return subprocess.run(
+        [python.with_name("sensorgate"), *arguments], capture_output=True, text=True, env=env, cwd=cwd
     )
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    done = subprocess.run([python, "-c", code, str(empty)], capture_output=True, text=True, env=env, cwd=tmp_path)
-    assert done.returncode == 3, done.stderr
+
+
+def test_the_installed_command_runs_the_gate_with_numpy_and_pillow_alone(empty, tmp_path):
+    python, env = empty
+    lonely = "import importlib.util as u; print([m for m in ('cv2', 'jinja2', 'tqdm', 'pytest') if u.find_spec(m)])"
+    assert (
+        subprocess.run([python, "-c", lonely], capture_output=True, text=True, env=env, cwd=tmp_path).stdout == "[]\n"
+    )
+    simulator.render("clean", tmp_path / "survey", seed=0, frames_scale=0.25)
+    done = sensorgate(empty, "gate", "survey/images", "--json", "report.json", cwd=tmp_path)
+    assert done.returncode in (0, 1), done.stderr
     assert "Traceback" not in done.stderr
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert report["versions"]["sensorgate"] == json.loads((ROOT / "manifest.json").read_text())["version"]
+    assert report["frames"] and all(f["focal_source"] for f in report["frames"]), "the sheets came along"
+
+
+def test_an_empty_folder_is_blocked_and_a_missing_library_is_named(empty, tmp_path):
+    (tmp_path / "bare").mkdir()
+    assert sensorgate(empty, "gate", "bare", cwd=tmp_path).returncode == 3
+    done = sensorgate(empty, "run", "bare", "--out", "out", cwd=tmp_path)
+    assert done.returncode == 4 and "sensorgate[sfm]" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_the_installed_package_writes_the_webodm_archive(empty, tmp_path):
+    done = sensorgate(empty, "webodm", "--out", "plugin.zip", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    names = zipfile.ZipFile(tmp_path / "plugin.zip").namelist()
+    assert {n.split("/")[0] for n in names} == {"sensorgate"}
+    assert {"sensorgate/plugin.py", "sensorgate/manifest.json", "sensorgate/__init__.py"} <= set(names)

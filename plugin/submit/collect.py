@@ -12,23 +12,14 @@ from typing import List, Optional, Sequence, Tuple
 
 from ...stages.errors import UsageError
 from ...stages.thresholds import DEFAULTS, Thresholds
+from ..odm.layout import EVIDENCE, GCP_FILE, GEO_FILE, IMAGE_GROUPS, IMAGES
 from ..odm.project import OURS
 from .errors import Refused
 
 ALL = "all.zip"
 NONE = "none"
-# Small files by which the run is judged; they come along whatever is asked for.
-EVIDENCE = (
-    "odm_report",
-    "log.json",
-    "images.json",
-    "cameras.json",
-    "task_output.txt",
-    "opensfm/stats/stats.json",
-    "opensfm/reports",
-)
 # What stands in a project folder before ODM runs; no archive may replace it.
-KEPT = frozenset(("images", OURS, "gcp_list.txt", "geo.txt", "image_groups.txt"))
+KEPT = frozenset((IMAGES, OURS, GCP_FILE, GEO_FILE, IMAGE_GROUPS))
 _NAME = re.compile(r"^[A-Za-z0-9_.][A-Za-z0-9_. /*-]*$")
 _PART = 1 << 20
 

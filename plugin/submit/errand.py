@@ -21,8 +21,6 @@ from .views import NodeView
 Tell = Callable[[str, str, float], None]
 
 CONSOLE = f"{OURS}/task_output.txt"
-# The anchor's georeferenced points: what ODM's ``align`` takes.
-ALIGN_PRODUCT = ("odm_georeferencing", "odm_georeferenced_model.laz")
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 from ...stages.errors import UsageError
 from ...stages.record import dumps
 from ..odm.folder import EXTENSIONS, extension
+from ..odm.layout import GCP_FILE, GEO_FILE
 from ..odm.project import CALIBRATION, OURS
 from ..odm.wire import CALIBRATION_INPUT
 
@@ -25,7 +26,7 @@ _MAX_JSON = 256 * 1024 * 1024
 # Names by which a node does something else than to put the file among the images.
 _SPECIAL = re.compile(r"^(body\.json|_body\.json|seed_*\.zip|zipurl\.zip|align\.(las|laz|tif)|.*\.zip)$", re.IGNORECASE)
 _SAFE = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9._-]*$")
-_TEXTS = ("gcp_list.txt", "geo.txt")
+_TEXTS = (GCP_FILE, GEO_FILE)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from ...stages.route import ISOLATE, PAIRWISE
 from ...stages.thresholds import DEFAULTS, Thresholds
 from ..odm.camera_id import file_key
 from ..odm.gcp import read_gcp
+from ..odm.layout import GCP_FILE, GEO_FILE
 from ..odm.options import Option
 from ..odm.project import write_project
 from .negotiate import LOCK
@@ -183,7 +184,7 @@ def _options(parcel: Parcel, part: Part, calibrated: bool) -> Tuple[Option, ...]
 
 def _gcp(old: Path, part: Part, limits: Thresholds) -> Optional[str]:
     """Ground control cut to the frames, or none where too little is left to replace the GPS that ODM then ignores."""
-    text = _cut(old / "gcp_list.txt", part.frames, 5)
+    text = _cut(old / GCP_FILE, part.frames, 5)
     if text is None:
         return None
     seen: Dict[Tuple[float, float, float], Set[str]] = {}
@@ -194,7 +195,7 @@ def _gcp(old: Path, part: Part, limits: Thresholds) -> Optional[str]:
 
 
 def _geo(old: Path, part: Part) -> Optional[str]:
-    return _cut(old / "geo.txt", part.frames, 0)
+    return _cut(old / GEO_FILE, part.frames, 0)
 
 
 def _cut(file: Path, frames: Sequence[str], column: int) -> Optional[str]:

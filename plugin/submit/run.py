@@ -12,12 +12,13 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 from ...stages.errors import Cancelled, SensorgateError, UsageError
 from ...stages.progress import Cancel, Progress
 from ...stages.thresholds import DEFAULTS, Thresholds
+from ..odm.layout import ALIGN_PRODUCT
 from . import ledger as states
 from .anchor import ISOLATED, choose, product
 from .anchor import NONE as NO_ANCHOR
 from .client import NodeClient
 from .collect import ALL, NONE, outputs_for
-from .errand import ALIGN_PRODUCT, Context, Tell
+from .errand import Context, Tell
 from .errors import NodeError, NodeUnusable, NotSent, Refused, Unsure
 from .journey import Journey
 from .judge import ReadOutcome

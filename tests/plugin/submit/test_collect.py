@@ -7,7 +7,8 @@ import stat
 import zipfile
 
 import pytest
-from sensorgate.plugin.submit.collect import EVIDENCE, outputs_for, set_aside, unpack
+from sensorgate.plugin.odm.layout import EVIDENCE
+from sensorgate.plugin.submit.collect import outputs_for, set_aside, unpack
 from sensorgate.plugin.submit.errors import Refused
 from sensorgate.stages.errors import UsageError
 from sensorgate.stages.thresholds import DEFAULTS
