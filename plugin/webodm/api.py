@@ -51,8 +51,8 @@ ground control or positions that the user chose along. An empty text takes it ba
     -> {"files": 1000,                          # read so far: the verdict may be asked for while reading goes on
         "verdict": "consistent" | "inconsistent" | "blocked",
         "headline": "3 cameras that do not belong in one task",
-        "cameras": [{"id": "dji-fc6310", "name": "DJI FC6310", "spectrum": "rgb", "band": "", "width": 5472,
-                     "height": 3648, "focal_mm": 8.8, "frames": 500, "payload": "dji-fc6310"}],
+        "cameras": [{"id": "dji-fc6310", "camera": "DJI FC6310", "name": "DJI FC6310", "spectrum": "rgb", "band": "",
+                     "width": 5472, "height": 3648, "focal_mm": 8.8, "frames": 500, "payload": "dji-fc6310"}],
         "payloads": [{"id": "...", "name": "...", "spectrum": "...", "bands": ["green", "nir"], "frames": 500,
                       "task": "rgb"}],
         "findings": [{"code": "...", "severity": "error" | "warning" | "info", "message": "...", "remedy": "...",
@@ -68,16 +68,20 @@ ground control or positions that the user chose along. An empty text takes it ba
                    "tags": ["sensorgate", "rgb"],
                    "texts": {"gcp_list.txt": "...", "geo.txt": "..."}}],             # to be uploaded as files
         "left_out": [{"id": 8, "path": "...", "reason": "panel", "message": "..."}],
-        "report": "/plugins/<name>/sessions/<session>/report"}
+        "report": "/plugins/<name>/sessions/<session>/report",
+        "engine": "node" | "worker" | "gate", "engine_message": "..."}   # where harmonizing would run
 
 Rules are ``split``, ``leave-out``, ``options`` and ``control``. ``options``
 holds no false flag (WebODM refuses falsy values) and is meant to be laid over
 the user's own. Without any readable file: 409.
 
-``POST sessions/<session>/claim`` ``{"task": "<uuid>", "key": "rgb"}`` -> ``{"ok": true}``:
+``POST sessions/<session>/claim`` ``{"task": "<uuid>", "key": "rgb", "off": [...], "moves": {...}}``
+-> ``{"ok": true, "honoured": bool, "message": "..."}``:
 after a proposed task was created (partial) and before it is committed, so that
 hold mode knows the user's choices and the task gets its report page. It does not
-let a task past the gate: hold mode looks at what was really uploaded.
+let a task past the gate: hold mode looks at what was really uploaded, and keeps
+together what it would part only where the files are the chosen ones and this user
+may let tasks go (``may_override``); else ``message`` says that it will not.
 
 A task
 ======
@@ -107,7 +111,8 @@ A task
 Settings
 ========
 
-``GET settings`` -> ``{"hold": ..., "may_change": bool, "thresholds": {"mine": {}, "all": {}, "known": {name:
+``GET settings`` -> ``{"hold": ..., "may_change": bool, "restart": "Restart WebODM now ..." | "",
+"thresholds": {"mine": {}, "all": {}, "known": {name:
 {"default", "unit", "why"}}}, "sheet": {"mine": "name.csv" | null, "all": null, "rows": 3}, "extras": [{"name",
 "needed_for", "installed", "message"}]}``.
 

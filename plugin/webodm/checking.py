@@ -14,7 +14,7 @@ from ...stages.errors import MissingDependency, SensorgateError
 from ...stages.record import dumps, write_text
 from .. import pipeline
 from ..inspection import Inspection
-from . import home, preferences, records, tasks
+from . import claims, home, preferences, records, tasks
 from .gathering import of_session, of_task
 from .proposal import Proposal, propose
 from .remedies import HARMONIZED
@@ -80,7 +80,7 @@ def look(task: Any, beat: Optional[Beat] = None) -> Tuple[Inspection, Proposal]:
     """Read a task's images and keep the report in the task's folder. Raises ``SensorgateError``."""
     with preferences.settings_for(task.project.owner) as settings:
         inspection = of_task(Path(task.task_path()), settings, beat)
-        proposal = propose(inspection)
+        proposal = propose(inspection, claims.mild(claims.made(records.load(task.pk) or {}, inspection)))
     keep_report(home.task_folder(task), inspection)
     return inspection, proposal
 
@@ -146,6 +146,7 @@ def act(task: Any, holds: bool, inspection: Inspection, proposal: Proposal) -> N
         "harmonizing_helps": any(f.code in HARMONIZED for f in inspection.findings),
     }
     decision = decide(inspection, proposal)
+    claim = claims.made(records.load(task.pk) or {}, inspection)
     if not holds:
         records.change(task.pk, state=records.RELEASED, message=str(known["headline"]), progress=None, **known)
         return
@@ -153,6 +154,10 @@ def act(task: Any, holds: bool, inspection: Inspection, proposal: Proposal) -> N
         tasks.release(task, records.RELEASED, "Let go: holding was turned off.", **known)
     elif decision.do == RELEASE:
         tasks.release(task, records.RELEASED, decision.message, proposal.tasks[0].options, **known)
+    elif decision.do == SPLIT and claim is not None and claim.together:
+        only = propose(inspection, claims.whole(claim)).tasks[0]
+        said = f"Let go in one piece, as {claim.by} chose in New Task."
+        tasks.release(task, records.OVERRIDDEN, said, only.options, **known)
     elif decision.do == SPLIT:
         records.change(task.pk, **known)
         tasks.split(task, [(Path(task.task_path()), part) for part in proposal.tasks])

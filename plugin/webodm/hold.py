@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 from typing import Any, Dict, Optional
 
-from . import home, preferences, records
+from . import home, preferences, presence, records
 
 LOG = logging.getLogger("app.logger")
 
@@ -29,6 +29,7 @@ def connect() -> None:
     signals.pre_save.connect(before_save, sender=Task, weak=False, dispatch_uid=f"{uid}-before")
     signals.post_save.connect(after_save, sender=Task, weak=False, dispatch_uid=f"{uid}-after")
     plugin_signals.task_removed.connect(_removed, weak=False, dispatch_uid=f"{uid}-removed")
+    presence.note()
 
 
 def before_save(sender: Any, instance: Any, raw: bool = False, **_: Any) -> None:

@@ -14,7 +14,7 @@ from ...stages.record import write_text
 from ...stages.thresholds import DEFAULTS, Thresholds
 from ...stages.usersheet import read_user_sheet
 from ..inspection import Settings
-from . import bounds, home
+from . import bounds, home, presence
 
 OFF, REPORT, HOLD = "off", "report", "hold"
 MODES = (OFF, REPORT, HOLD)
@@ -168,6 +168,7 @@ def describe(user: Any) -> Dict[str, Any]:
     return {
         "hold": mode(),
         "may_change": bool(user.is_superuser),
+        "restart": presence.restart_needed() if user.is_superuser else "",
         "thresholds": {"mine": changes(mine), "all": changes(everybody), "known": Thresholds.describe()},
         "sheet": {
             "mine": own["name"] if own else None,

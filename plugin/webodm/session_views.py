@@ -10,7 +10,7 @@ from rest_framework.response import Response
 from ...stages.frame import BrokenFrame
 from ...stages.grouping import camera_name
 from ...stages.record import write_text
-from . import bounds, checking, home, preferences, sessions, state, verdict
+from . import bounds, checking, claims, home, preferences, records, sessions, state, verdict
 from .gathering import of_session
 from .headers import Read, read_headers, sent_files
 from .proposal import RULES, Choices, propose
@@ -161,9 +161,22 @@ class Claim(SessionView):
             raise exceptions.NotFound()
         if not isinstance(data.get("key"), str) or len(data["key"]) > 200:
             raise exceptions.ValidationError({"detail": "key must be text."})
+        choices = choices_from(data)
         checking.report_of(found, request.user)
         folder = home.task_folder(task)
         for name in ("report.json", "report.html"):
             if (found.folder / name).is_file():
                 write_text(folder / name, (found.folder / name).read_text(encoding="utf-8"))
-        return Response({"ok": True})
+        return Response({"ok": True, **self._note(found, task, data["key"], choices)})
+
+    def _note(self, session: sessions.Session, task: Any, key: str, choices: Choices) -> Dict[str, Any]:
+        """Keep the choices with the task where it waits for the gate, and say what will come of them."""
+        if preferences.mode() != preferences.HOLD:
+            return {"honoured": True, "message": ""}
+        with preferences.settings_for(self.request.user) as settings:
+            inspection = of_session(session.gather(), settings, session.control("gcp"), session.control("geo"))
+        kept = claims.noted(self.request.user, choices, propose(inspection, choices), key)
+        if kept is not None:
+            records.change(task.pk, claim=kept)
+        honoured = kept is not None and (not kept["against"] or home.may_override(self.request.user))
+        return {"honoured": honoured, "message": "" if honoured else claims.TAKEN_APART}

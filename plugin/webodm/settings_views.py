@@ -7,8 +7,8 @@ from typing import Any
 from rest_framework import exceptions
 from rest_framework.response import Response
 
-from . import hold, preferences, records
-from .views import View, plainly
+from . import hold, preferences, presence, records
+from .views import Conflict, View, plainly
 
 
 class SettingsView(View):
@@ -25,6 +25,10 @@ class SettingsView(View):
         scope = data.get("scope", preferences.MINE)
         if ("hold" in data or scope == preferences.ALL) and not request.user.is_superuser:
             raise exceptions.PermissionDenied("Only an administrator may set that for all users.")
+        if data.get("hold") == preferences.HOLD and preferences.mode() != preferences.HOLD:
+            wanted = presence.restart_needed()
+            if wanted:
+                raise Conflict(f"Hold cannot be switched on yet. {wanted}")
         store = preferences.store_for(scope, request.user)
         if "thresholds" in data:
             preferences.set_thresholds(store, data["thresholds"])

@@ -113,7 +113,7 @@ def split(task: Any, parts: Sequence[Tuple[Path, Proposed]], anchor: Any = None)
         state=records.SPLIT,
         holds=False,
         progress=None,
-        message=f"Taken apart into {plural(len(told), 'task')}: {', '.join(str(t['name']) for t in told)}."
+        message=f"{_came_of(parts)} {plural(len(told), 'task')}: {', '.join(str(t['name']) for t in told)}."
         + _calibrated(created)
         + (" This one is not processed; its images stay until you delete it." if task.status is None else ""),
         tasks=told,
@@ -125,6 +125,11 @@ def split(task: Any, parts: Sequence[Tuple[Path, Proposed]], anchor: Any = None)
     for new in created:
         process_task.delay(new.id)
     return told
+
+
+def _came_of(parts: Sequence[Tuple[Path, Proposed]]) -> str:
+    harmonized = any(part.calibration is not None for _, part in parts)
+    return "Harmonized; its frames are now in" if harmonized else "Taken apart into"
 
 
 def _calibrated(created: Sequence[Any]) -> str:

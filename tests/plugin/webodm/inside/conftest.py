@@ -1,5 +1,6 @@
 """A little WebODM in a folder of its own, with the plugin installed from its archive under an odd name."""
 
+import importlib
 import json
 import os
 import sys
@@ -23,6 +24,8 @@ def _set_up():
     (MEDIA / "plugins").mkdir()
     (MEDIA / "plugins/__init__.py").write_text("")
     (MEDIA / "unpacked/sensorgate").rename(MEDIA / "plugins" / FOLDER)
+    # As if WebODM had been started with the plugin in place.
+    os.utime(MEDIA / "plugins" / FOLDER / "__init__.py", (10**9, 10**9))
     (MEDIA / "tmp").mkdir()
     sys.path.append(str(MEDIA))
     settings.configure(
@@ -62,7 +65,11 @@ _set_up()
 
 
 @pytest.fixture(autouse=True)
-def clean():
+def clean(monkeypatch):
+    presence = importlib.import_module(f"plugins.{FOLDER}.plugin.webodm.presence")
+    with monkeypatch.context() as worker:
+        worker.setattr("sys.argv", ["/usr/bin/celery"])
+        presence.note()
     yield
     from app.models import Plugin, PluginDatum, Task
     from app.plugins import worker

@@ -353,3 +353,97 @@ def test_a_node_with_the_adapter_leaves_harmonized_frames_alone(project, frames)
     old = uploaded(project, frames["one"], auto_processing_node=False, processing_node=node)
     new = harmonized(old, CAMERAS)
     assert {"name": "mixed-sensor-policy", "value": "report"} in new.options and new.processing_node_id == node.pk
+
+
+def claimed(project, user, files, task, **choices):
+    """The record's claim, as the panel leaves it before the upload is committed."""
+    gathering = importlib.import_module(f"{webodm}.gathering")
+    proposal = importlib.import_module(f"{webodm}.proposal")
+    claims = importlib.import_module(f"{webodm}.claims")
+    inspection_of = importlib.import_module(f"plugins.{FOLDER}.plugin.inspection")
+    from pathlib import Path
+
+    made = proposal.Choices(frozenset(choices.get("off", ())), choices.get("moves", {}))
+    inspection = gathering.of_task(Path(files), inspection_of.DEFAULT_SETTINGS)
+    planned = proposal.propose(inspection, made)
+    return claims.noted(user, made, planned, choices.get("key", planned.tasks[0].key))
+
+
+def arriving(project, files, claim):
+    """A task that was claimed while its upload was open."""
+    task = Task.objects.create(project=project, partial=True)
+    os.makedirs(task.task_path())
+    for number, file in enumerate(files):
+        shutil.copy(file, task.task_path(f"{number:03d}_{file.name}"))
+    records.change(task.pk, claim=claim(task))
+    task.images_count = len(files)
+    task.partial = False
+    task.save()
+    return task
+
+
+@pytest.mark.parametrize("may", [True, False])
+def test_what_was_chosen_in_new_task_is_kept_where_the_user_may(project, frames, may):
+    if may:
+        home.ensure_permission()
+        project.owner.user_permissions.add(Permission.objects.get(codename=home.OVERRIDE))
+    mode("hold")
+    both = frames["one"] + frames["two"]
+    task = arriving(project, both, lambda t: claimed(project, project.owner, t.task_path(), t, off=["split"]))
+    assert not ready(task)
+    work()
+    assert records.load(task.pk)["state"] == ("overridden" if may else "split") and ready(task) is may
+    assert ("owner chose in New Task" in records.load(task.pk)["message"]) is may
+
+
+def test_a_choice_counts_for_the_files_that_it_was_made_for(project, frames):
+    home.ensure_permission()
+    project.owner.user_permissions.add(Permission.objects.get(codename=home.OVERRIDE))
+    mode("hold")
+
+    def other(task):
+        kept = claimed(project, project.owner, task.task_path(), task, off=["split"])
+        shutil.copy(frames["one"][0], task.task_path("900_one_more.JPG"))
+        return kept
+
+    task = arriving(project, frames["one"] + frames["two"], other)
+    work()
+    assert records.load(task.pk)["state"] == "split" and not ready(task)
+
+
+def test_options_are_the_users_own_matter(project, frames):
+    mode("hold")
+    task = arriving(
+        project, frames["one"], lambda t: claimed(project, project.owner, t.task_path(), t, off=["options"])
+    )
+    work()
+    assert records.load(task.pk)["state"] == "released" and ready(task) and again(task).options == []
+
+
+def test_hold_is_not_switched_on_before_all_processes_have_the_plugin(project, frames, monkeypatch):
+    presence = importlib.import_module(f"{webodm}.presence")
+    preferences = importlib.import_module(f"{webodm}.preferences")
+    settings_views = importlib.import_module(f"{webodm}.settings_views")
+    from django.core.cache import cache
+    from rest_framework.test import APIRequestFactory, force_authenticate
+
+    admin = User.objects.create_superuser("admin", "", "x")
+
+    def ask(value):
+        request = APIRequestFactory().post("/", {"hold": value}, format="json")
+        force_authenticate(request, admin)
+        return settings_views.SettingsView.as_view()(request)
+
+    cache.clear()
+    assert "worker has not loaded" in presence.restart_needed()
+    assert ask("hold").status_code == 409 and preferences.mode() == "off"
+    assert ask("report").status_code == 200
+    monkeypatch.setattr("sys.argv", ["/usr/bin/celery"])
+    presence.note()
+    assert presence.restart_needed() == "" and ask("hold").status_code == 200
+    # Files that were put there after this process began.
+    monkeypatch.setattr(presence, "_LOADED", 4e9)
+    assert "this process still runs the old ones" in presence.restart_needed()
+    monkeypatch.setattr(presence, "installed_at", lambda: 4e9)
+    assert "added while WebODM ran" in presence.restart_needed()
+    assert preferences.describe(project.owner)["restart"] == ""
