@@ -40,7 +40,7 @@ def example(name: str, *words: Any) -> "subprocess.CompletedProcess[str]":
 @pytest.fixture(scope="module")
 def survey(tmp_path_factory):
     folder = tmp_path_factory.mktemp("examples")
-    simulator.render("tiny", folder / "survey")
+    simulator.render("tiny", folder / "survey", frames_scale=2 / 3)
     return folder / "survey/images"
 
 
@@ -114,7 +114,7 @@ def test_own_adapter(result, tmp_path):
 
 @gdal
 def test_orthophotos_are_fused(tmp_path):
-    picture = ground(300, 200)
+    picture = ground(600, 400)
     for name in ("rgb", "thermal"):
         ortho(tmp_path / f"projects/{name}/odm_orthophoto/odm_orthophoto.tif", [picture], 0.05)
     done = example("fuse_orthophotos.py", tmp_path, tmp_path / "all.tif")
