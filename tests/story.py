@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set, Tuple
 
+from PIL import Image
 from sensorgate.plugin import pipeline
 
 from tests import simulator
 from tests.simulator.stories import WRONG_SHEET
 from tests.simulator.truth import Truth
+
+# A resampled frame's height is rounded to whole pixels, its marks to thousandths.
+MARK_PX = 0.5
 
 
 @dataclass(frozen=True)
@@ -141,6 +146,28 @@ def check_points(outcome: Outcome) -> List[Tuple[str, int, float, float]]:
         flat, up = control["check_horizontal_m"] / gsd, control["check_vertical_m"] / gsd
         found.append((project["name"], control["check_points"], flat, up))
     return found
+
+
+def misplaced_marks(outcome: Outcome) -> List[str]:
+    """Marks of the written control lists that do not lie where the truth says, in pixels of the written frames."""
+    said: List[str] = []
+    told = {(_tail(m.path), p.id): m for p in outcome.truth.points for m in p.marks}
+    size = {_tail(f.path): f.camera.width for f in outcome.truth.frames}
+    sources = {f["output"]: _tail(f["path"]) for f in outcome.report["frames"] if f["output"]}
+    for project in outcome.report["subprojects"]:
+        folder = outcome.out / "projects" / project["name"]
+        if not (folder / "gcp_list.txt").exists():
+            continue
+        for line in (folder / "gcp_list.txt").read_text(encoding="utf-8").splitlines()[1:]:
+            _, _, _, x, y, name, point = line.split()
+            source = sources[f"projects/{project['name']}/images/{name}"]
+            mark = told[source, point]
+            with Image.open(folder / "images" / name) as image:
+                scale = image.width / size[source]
+            miss = math.hypot((mark.x_px + 0.5) * scale - 0.5 - float(x), (mark.y_px + 0.5) * scale - 0.5 - float(y))
+            if miss > MARK_PX:
+                said.append(f"{point} in {name} lies {miss:.2f} px off")
+    return said
 
 
 def candidates(outcome: Outcome, project: int = 0) -> List[Dict[str, Any]]:
