@@ -92,7 +92,7 @@ def _read(folder: Path, home: Path, limits: Thresholds) -> Tuple[Outcome, RunLog
     if state == UNFINISHED and opensfm == folder and placed is not None:
         state = FINISHED  # a bare OpenSfM data set has no log of ODM's
     cameras = _cameras(project, placed, model, start, limits)
-    payloads = payload_routes(report)
+    payloads = payload_routes(report, limits)
     route, reasons = route_of(state, payloads, log, report)
     trusted = frozenset(c.profile for c in project.request.cameras if c.intrinsics.focal_trusted)
     outcome = Outcome(

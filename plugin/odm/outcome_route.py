@@ -14,29 +14,34 @@ from .outcome_model import CameraOutcome, PayloadRoute
 from .outcome_read import RunLog
 
 
-def payload_routes(report: Optional[AlignmentReport]) -> Tuple[PayloadRoute, ...]:
+def payload_routes(report: Optional[AlignmentReport], limits: Thresholds) -> Tuple[PayloadRoute, ...]:
     """What the router would do with each payload (pure).
 
     A refused payload beside one that stands is tried pairwise where it has
     any verified pair, else isolated; where nothing stands, every payload goes
-    alone. A payload by itself has nobody to be separated from.
+    alone. A payload beside which no other has frames enough to stand has
+    nobody to be separated from: its trouble is its own.
     """
     if report is None:
         return ()
-    several = len(report.payloads) > 1
-    verdicts = {p.verdict for p in report.payloads}
-    stands = PASS in verdicts or (UNPROVEN in verdicts and FAIL in verdicts)
+    passes = any(p.verdict == PASS for p in report.payloads)
 
     def route(p: PayloadAlignment) -> str:
+        others = [q for q in _able(report, limits) if q is not p]
         if p.verdict == PASS:
             return PROCEED
-        if not several:
-            return UNPROVEN
         if p.verdict == UNPROVEN:
-            return ISOLATE if PASS in verdicts else UNPROVEN
-        return PAIRWISE if stands and p.cross_pairs else ISOLATE
+            return ISOLATE if passes else UNPROVEN
+        if not others:
+            return UNPROVEN
+        return PAIRWISE if p.cross_pairs and any(q.verdict != FAIL for q in others) else ISOLATE
 
     return tuple(PayloadRoute(p.payload, p.verdict, route(p), p.reasons) for p in report.payloads)
+
+
+def _able(report: AlignmentReport, limits: Thresholds) -> List[PayloadAlignment]:
+    """Payloads with frames enough to stand by themselves."""
+    return [p for p in report.payloads if p.verdict == PASS or p.frames >= limits.min_proof_frames]
 
 
 def route_of(
@@ -46,7 +51,7 @@ def route_of(
     placed = report is not None and report.registered > 0
     if placed:
         for route in (PAIRWISE, ISOLATE, UNPROVEN):
-            mine = [p for p in payloads if p.route == route]
+            mine = sorted((p for p in payloads if p.route == route), key=lambda p: p.verdict != FAIL)
             if mine:
                 reasons = tuple(f"{p.payload}: {r}" for p in mine for r in p.reasons[:2])
                 return route, _ended(state, log) + reasons
@@ -95,8 +100,8 @@ def advice_of(
     for p in report.payloads if report else ():
         if routes[p.payload] == PAIRWISE:
             said.append(
-                f"{p.payload}: join it pairwise to {_standing(payloads)}, with ground control where there is any "
-                "(sensorgate run --gcp FILE)."
+                f"{p.payload}: join it pairwise to {_standing(report, p, limits)}, with ground control where there is "
+                "any (sensorgate run --gcp FILE)."
             )
         elif routes[p.payload] == ISOLATE:
             said.append(f"{p.payload}: give it its own project (sensorgate run does).")
@@ -130,22 +135,27 @@ def advice_of(
                 f"ODM solved {' and '.join(camera.profiles)} as one camera ({camera.id}): sensorgate run tells them "
                 "apart."
             )
-    if report and len(payloads) == 1 and payloads[0].verdict == FAIL and not console.facts:
-        said.append(
-            "There is one payload, so separating helps nothing: try feature-quality high with min-num-features "
-            "20000, or fly with more overlap."
-        )
+    for p in report.payloads if report else ():
+        if p.verdict == FAIL and routes[p.payload] == UNPROVEN:
+            said.append(
+                f"{p.payload}: separating helps nothing, its frames do not hold together by themselves. Try "
+                "feature-quality high with min-num-features 20000, or fly with more overlap."
+            )
     return tuple(dict.fromkeys(said))
 
 
-def _standing(payloads: Sequence[PayloadRoute]) -> str:
-    names = [p.payload for p in payloads if p.route == PROCEED] or [p.payload for p in payloads if p.verdict != FAIL]
-    return names[0] if names else "the largest"
+def _standing(report: Optional[AlignmentReport], payload: PayloadAlignment, limits: Thresholds) -> str:
+    """The payload that another is to be joined to: one that passed, the largest of them."""
+    others = [p for p in _able(report, limits) if p is not payload and p.verdict != FAIL] if report else []
+    best = min(others, key=lambda p: (p.verdict != PASS, -p.registered, p.payload), default=None)
+    return best.payload if best is not None else "the largest"
 
 
 def _fits(p: PayloadAlignment, limits: Thresholds) -> bool:
-    """Whether a payload's own fit is within its limit."""
-    fit = p.alone
+    """Whether a payload holds by itself: in one piece, its pixels and its GPS fit within their limits."""
+    fit, error = p.alone, p.mean_reproj_error_px
     if fit.horizontal_m is None or fit.sigma_horizontal_m is None or fit.collinear:
+        return False
+    if fit.frames < limits.min_registered_share * p.frames or error is None or error > limits.max_reproj_error_px:
         return False
     return fit.horizontal_m <= limits.gps_sigma_factor * fit.sigma_horizontal_m

@@ -43,7 +43,7 @@ def summed(whole: Outcome, parts: Parts, log: RunLog, payload_of: Mapping[str, s
     if whole.alignment is None or not reports:
         return replace(whole, notes=(*whole.notes, *_notes(parts)), submodels=tuple(_record(*p) for p in parts))
     report = _report(whole.alignment, reports, payload_of, limits)
-    payloads = payload_routes(report)
+    payloads = payload_routes(report, limits)
     route, reasons = route_of(whole.state, payloads, log, report)
     return replace(
         whole,

@@ -103,6 +103,18 @@ def test_shifted_positions_of_one_camera_are_an_offset_and_no_geometry(make: Mak
     assert found.route == "proceed" and any("geo.txt" in a for a in found.advice)
 
 
+def test_a_payload_that_falls_apart_by_itself_has_nobody_to_be_parted_from(make: Make) -> None:
+    block = fly_block()
+    few = block.of("p4")[:2]  # too few to stand, and too few to blame
+    block.frames = [*block.of("p4p"), *few]
+    for index, frame in enumerate(block.of("p4p")):
+        frame.component = index // 5
+    found = read_outcome(make(block))
+    assert routes(found)[P4P] == ("fail", "unproven") and found.route == "unproven"
+    assert any("separating helps nothing" in a for a in found.advice)
+    assert not any("pairwise" in a or "holds by itself" in a for a in found.advice)
+
+
 def test_frames_that_odm_lost_are_found_by_counting(make: Make) -> None:
     block = fly_block()
     lost = block.of("p4")[:9]
