@@ -6,11 +6,13 @@ import math
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from . import svg
+from .plane import Plane, has_position
 from .view import View, figure
 
 WIDTH = 340.0
 MOST_NODES = 12
 MOST_POINTS = 1500
+MOST_LINES = 600
 STRONG_INLIERS = 400.0
 Colours = Mapping[str, int]
 
@@ -27,7 +29,7 @@ def match_graph(found: Mapping[str, Any], least: float, colour: Colours) -> str:
     if not 2 <= len(nodes) <= MOST_NODES:
         return ""
     height = 150.0 if len(nodes) == 2 else 280.0
-    middle, reach = (WIDTH / 2, height / 2 - 8), (98.0 if len(nodes) < 4 else 112.0, height / 2 - 46)
+    middle, reach = (WIDTH / 2, height / 2 - 8), (98.0 if len(nodes) < 4 else 112.0, height / 2 - 50)
     turn = math.pi if len(nodes) == 2 else -math.pi / 2
     at = {
         node: (
@@ -50,7 +52,7 @@ def match_graph(found: Mapping[str, Any], least: float, colour: Colours) -> str:
             f'class="edge{"" if strong else " weak"}" stroke-width="{svg.number(width)}"/>'
         )
         spot = ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2)
-        body.append(svg.rectangle(spot[0] - 19, spot[1] - 11, 38, 22, "plate"))
+        body.append(svg.rectangle(spot[0] - 22, spot[1] - 11, 44, 22, "plate"))
         body.append(
             svg.text(spot[0], spot[1] + 4.5, figure(inliers, 0), "strong" if strong else "strong bad", "middle")
         )
@@ -58,9 +60,9 @@ def match_graph(found: Mapping[str, Any], least: float, colour: Colours) -> str:
     own = {p["a"]: p["inliers_median"] for p in pairs if p["a"] == p["b"]}
     for node in nodes:
         x, y = at[node]
-        body.append(svg.circle((x, y), 21, f"node {svg.colour_class(colour.get(node, 7))}"))
+        body.append(svg.circle((x, y), 25, f"node {svg.colour_class(colour.get(node, 7))}"))
         body.append(svg.text(x, y + 4.5, figure(own.get(node), 0), "strong", "middle"))
-        body.append(svg.text(min(max(x, 60), WIDTH - 60), y + 37, svg.shortened(node, 19), "label", "middle"))
+        body.append(svg.text(min(max(x, 60), WIDTH - 60), y + 41, svg.shortened(node, 19), "label", "middle"))
     return svg.figure(WIDTH, height, f"Median verified matches per pair of frames. {'; '.join(words)}.", body)
 
 
@@ -132,7 +134,7 @@ def residual_chart(view: View, found: Mapping[str, Any], colour: Colours) -> str
         body.append(svg.circle(middle, limit * scale, "limit-circle"))
         body.append(
             svg.text(
-                middle[0] + limit * scale * 0.71 + 4, middle[1] + limit * scale * 0.71 + 10, f"{limit:.3g} m", "tick"
+                middle[0] + limit * scale * 0.71 + 4, middle[1] + limit * scale * 0.71 + 10, f"{limit:.1f} m", "tick"
             )
         )
     body.append(svg.text(middle[0] + 4, middle[1] - radius + 9, "N", "tick"))
@@ -149,6 +151,43 @@ def residual_chart(view: View, found: Mapping[str, Any], colour: Colours) -> str
     figures = f"{len(known):,} frames, median {median:.2f} m, largest {lengths[-1]:.2f} m"
     title = f"Camera positions against GPS from above: {figures}."
     return svg.figure(WIDTH, height, title, body)
+
+
+def residual_map(view: View, found: Mapping[str, Any], colour: Colours) -> str:
+    """From each GPS position a line to where the model puts the camera, lengthened so that a pattern shows."""
+    known = [
+        (view.frames[r["path"]], (float(r["east_m"]), float(r["north_m"])))
+        for r in found.get("residuals", [])
+        if r["path"] in view.frames and None not in (r["east_m"], r["north_m"]) and has_position(view.frames[r["path"]])
+    ]
+    if len(known) < 6:
+        return ""
+    known = known[:: max(1, math.ceil(len(known) / MOST_LINES))]
+    plane = Plane([(f["latitude"], f["longitude"]) for f, _ in known], (WIDTH, 150.0, 240.0), 30.0)
+    lengths = sorted(math.hypot(*miss) for _, miss in known)
+    typical = max(lengths[int(0.9 * (len(lengths) - 1))], 1e-3)
+    shown = svg.nice_step(typical, 1)
+    stretch = 30.0 / shown
+    dots: Dict[int, List[svg.Point]] = {}
+    lines: Dict[int, List[str]] = {}
+    for frame, (east, north) in known:
+        at = plane((frame["latitude"], frame["longitude"]))
+        # One wild residual must not cross the picture: it is cut at four times the key's length.
+        cut = min(1.0, 4.0 * shown / max(1e-9, math.hypot(east, north)))
+        number = colour.get(frame["payload"], 7)
+        dots.setdefault(number, []).append(at)
+        step = f"l{svg.number(east * cut * stretch)} {svg.number(-north * cut * stretch)}"
+        lines.setdefault(number, []).append(f"M{svg.number(at[0])} {svg.number(at[1])}{step}")
+    body = [f'<path d="{"".join(lines[n])}" class="miss {svg.colour_class(n)}"/>' for n in sorted(lines)]
+    body += [svg.dots(dots[n], svg.colour_class(n), 3.6) for n in sorted(dots)]
+    base = plane.height + 10
+    body += [
+        f'<path d="M6 {svg.number(base)}h30" class="miss key-line"/>',
+        svg.text(42, base + 4, f"{shown:g} m off", "tick"),
+        svg.text(WIDTH - 4, base + 4, "north is up", "tick", "end"),
+    ]
+    title = f"Where the model puts each camera against its GPS, {len(known):,} frames; the key line is {shown:g} m."
+    return svg.figure(WIDTH, plane.height + 20, title, body)
 
 
 def bowing_chart(found: Mapping[str, Any], sigma: float) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+import statistics
+from collections import Counter
+from typing import Any, Dict, List, Mapping, Tuple
 
 from . import svg
 from .charts import Colours
@@ -37,19 +39,20 @@ def gsd_chart(view: View, colour: Colours) -> str:
     words = []
     for name, before, after in rows:
         css = svg.colour_class(colour.get(name, 7))
+        middle = statistics.median(before)
+        written = statistics.median(after) if after else middle
+        changed = abs(written / middle - 1.0) > 0.005
         y += 16
         body.append(svg.text(left, y, svg.shortened(name, 44), "label"))
+        said = f"{middle:.2f} → {written:.2f} cm" if changed else f"{middle:.2f} cm"
+        body.append(svg.text(right, y, said, "label strong", "end"))
         y += 26
         body.append(svg.line((left, y), (right, y), "track"))
-        body.append(_bars([place(v) for v in before], left, right, y, -22.0, css))
-        middle = sorted(before)[len(before) // 2]
-        text = f"{name}: {middle:.2f} cm"
-        changed = after and abs(sorted(after)[len(after) // 2] / middle - 1.0) > 0.005
+        body.append(_bars({place(v): n for v, n in Counter(before).items()}, left, right, y, -22.0, css))
         if changed:
-            body.append(_bars([place(v) for v in after], left, right, y, 16.0, f"after {css}"))
-            text += f", written at {sorted(after)[len(after) // 2]:.2f} cm"
+            body.append(_bars({place(v): n for v, n in Counter(after).items()}, left, right, y, 16.0, f"after {css}"))
             y += 16
-        words.append(text)
+        words.append(f"{name}: {middle:.2f} cm" + (f", written at {written:.2f} cm" if changed else ""))
         y += 4
     y += 8
     for value in _log_ticks(math.exp(low), math.exp(high)):
@@ -58,13 +61,13 @@ def gsd_chart(view: View, colour: Colours) -> str:
     return svg.figure(WIDTH, y + 20, f"Ground resolution, cm per pixel. {'; '.join(words)}.", body)
 
 
-def _bars(places: Sequence[float], left: float, right: float, y: float, height: float, css: str) -> str:
-    """A histogram as one path, its tallest bar ``height`` high (negative: upwards)."""
+def _bars(places: Mapping[float, int], left: float, right: float, y: float, height: float, css: str) -> str:
+    """A histogram of place -> count as one path, its tallest bar ``height`` high (negative: upwards)."""
     step = (right - left) / BINS
     counts: Dict[int, int] = {}
-    for x in places:
+    for x, count in sorted(places.items()):
         index = min(BINS - 1, max(0, int((x - left) / step)))
-        counts[index] = counts.get(index, 0) + 1
+        counts[index] = counts.get(index, 0) + count
     most = max(counts.values())
     bars = "".join(
         f"M{svg.number(left + i * step)} {svg.number(y)}v{svg.number(height * math.sqrt(counts[i] / most))}"
@@ -82,15 +85,17 @@ def _log_ticks(low: float, high: float) -> List[float]:
 
 
 def focal_chart(view: View, colour: Colours) -> str:
-    """Focal tags of each camera whose tags are not all equal, as per cent off their mean."""
+    """One histogram per camera whose focal tags are not all equal, as per cent off their mean."""
     limit = view.threshold.get("focal_variance", 0.03)
     owner = {p: i["id"] for i in view.report["payloads"] for p in i["profiles"]}
     rows: List[Tuple[Mapping[str, Any], Dict[float, int], float]] = []
     tags: Dict[str, Dict[float, int]] = {}
     for frame in view.report["frames"]:
-        if frame["focal_mm"] and frame["profile"]:
+        # Copies carry one tag per camera; what the camera wrote is kept beside it.
+        tag = (frame.get("original_tags") or {}).get("focal_mm") or frame["focal_mm"]
+        if tag and frame["profile"]:
             counts = tags.setdefault(frame["profile"], {})
-            counts[frame["focal_mm"]] = counts.get(frame["focal_mm"], 0) + 1
+            counts[tag] = counts.get(tag, 0) + 1
     for profile in view.report["profiles"]:
         counts = tags.get(profile["id"], {})
         if len(counts) > 1:
@@ -112,14 +117,14 @@ def focal_chart(view: View, colour: Colours) -> str:
         spread = max(counts) - min(counts)
         said = f"{profile['id']}: {100 * spread:.1f} % about {mean:.2f} mm"
         body.append(svg.text(left - 6, y, svg.shortened(said, 58), "label"))
-        y += 18
-        body.append(svg.rectangle(place(-limit / 2), y - 9, place(limit / 2) - place(-limit / 2), 18, "band"))
+        y += 28
+        body.append(svg.rectangle(place(-limit / 2), y - 22, place(limit / 2) - place(-limit / 2), 22, "band"))
         body.append(svg.line((left, y), (right, y), "track"))
         css = svg.colour_class(colour.get(owner.get(profile["id"], ""), 7))
-        body.append(svg.dots([(place(d), y) for d in counts], css, 7.0))
+        body.append(_bars({place(d): n for d, n in counts.items()}, left, right, y, -22.0, css))
         words.append(said)
-        y += 12
-    y += 6
+        y += 6
+    y += 8
     for value in svg.ticks(-100 * reach, 100 * reach, 5):
         body.append(svg.line((place(value / 100), y - 4), (place(value / 100), y), "axis"))
         body.append(

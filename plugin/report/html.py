@@ -5,16 +5,18 @@ from __future__ import annotations
 import base64
 import hashlib
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 from ...stages.errors import MissingDependency
 from ...stages.thresholds import Thresholds
-from . import charts, distributions, story, survey_map, svg
+from . import candidates, charts, checks, distributions, story, svg
 from .bands import band_tables
+from .flights import flight_rows
 from .overlays import BAND_AFTER, BAND_BEFORE, MOST_OVERLAYS
 from .pictures import MOST_BYTES, preview_key
 from .previews import AFTER, BEFORE, MOST_PREVIEWS
-from .view import ROUTE_WORDS, SOURCE_WORDS, SPECTRUM_WORDS, View, figure, listing, plural
+from .survey_map import survey_map
+from .view import ROUTE_WORDS, SOURCE_WORDS, SPECTRUM_WORDS, FindingGroup, View, figure, in_words, listing, plural
 
 HERE = Path(__file__).resolve().parent
 MOST_LISTED = 400
@@ -22,19 +24,17 @@ MOST_SUBJECTS = 40
 MOST_GROUPS = 120
 MOST_ROWS = 300
 MATCH_CAPTION = (
-    "Numbers are median verified matches per pair of frames; inside a circle, within that payload. "
-    "Dashed: fewer than the {:g} needed."
+    "Lines: median verified matches between frames of two payloads, dashed where fewer than {:g}. "
+    "In a circle: within that payload."
 )
-GPS_CAPTION = (
-    "Dot: in the joint model. Ring: that payload alone. Bar: the limit. "
-    "A dot far right of its ring is an offset between payloads."
-)
-RESIDUAL_CAPTION = "Each dot is a frame, seen from above; the circle is the limit."
-BOWING_CAPTION = "Cross-section of the block's bend, exaggerated; inside the band it cannot be told from flat."
+GPS_CAPTION = "Dot: in the joint model. Ring: that payload alone. Bar: the limit. A dot far from its ring is an offset."
+RESIDUAL_CAPTION = "Solved camera minus GPS, one dot per frame, seen from above. The circle is the limit."
+PATTERN_CAPTION = "The same where it was flown, lengthened. Lines that agree are a shift or a bend, not noise."
+BOWING_CAPTION = "Cross-section of the block's bend, exaggerated. Inside the band it cannot be told from flat."
 ROUTE_ADVICE = {
-    "proceed": "Reconstructed on a trial alignment: queue it.",
-    "pairwise": "Joined step by step; queue it and look at the seams between payloads.",
-    "isolate": "Does not fit the others: it runs on its own, and sensorgate fuse puts the products on one grid.",
+    "proceed": "Queue it: a trial alignment reconstructed it.",
+    "pairwise": "Queue it and look at the seams: its payloads were joined step by step.",
+    "isolate": "Queue it on its own; sensorgate fuse puts the products on one grid.",
     "unproven": "Nothing proves yet that it reconstructs. It is submitted only when unproven projects are asked for.",
 }
 
@@ -59,15 +59,13 @@ def render(report: Mapping[str, Any], previews: Mapping[str, bytes] = {}) -> str
         undefined=jinja2.StrictUndefined,
     )
     view = View(dict(report))
-    environment.filters.update(figure=figure, listing=listing, plural=plural, csp_hash=_csp_hash)
+    environment.filters.update(figure=figure, listing=listing, plural=plural, in_words=in_words, csp_hash=_csp_hash)
     environment.globals.update(
         spectrum_words=SPECTRUM_WORDS,
         route_words=ROUTE_WORDS,
         route_advice=ROUTE_ADVICE,
         source_words=SOURCE_WORDS,
         spread=story.spread_words,
-        gain_words=story.gain_words,
-        height_words=story.HEIGHT_WORDS,
     )
     return environment.get_template("report.html").render(
         **_context(view),
@@ -111,8 +109,10 @@ def _context(view: View) -> Dict[str, Any]:
         "groups": groups[:MOST_GROUPS],
         "groups_more": len(groups) - len(groups[:MOST_GROUPS]),
         "severities": [(s, sum(g.count for g in groups if g.severity == s)) for s in ("error", "warning", "info")],
-        "actions": {(a["profile"], a["flight"]): a for a in report["actions"]},
-        "payload_of": {p: i["id"] for i in report["payloads"] for p in i["profiles"]},
+        "flights": flight_rows(view),
+        "told_of": _told_of(view, groups),
+        "reading": checks.READING,
+        "points": [{"check": False, **point} for point in report["inputs"].get("gcp", [])],
         "lost": any((s["alignment"] or {}).get("unregistered") for s in report["subprojects"]),
         "excluded": story.excluded_groups(view),
         "reason_words": _reason_words(view),
@@ -125,13 +125,25 @@ def _project(view: View, project: Mapping[str, Any]) -> Dict[str, Any]:
     found = project["alignment"] or {}
     return {
         **project,
-        "checks": story.alignment_checks(view, project),
-        "cross": story.cross_words(found, view.threshold.get("min_inliers", 30), project["reasons"]),
+        "why": checks.why(view, project),
+        "checks": checks.alignment_checks(view, project),
+        "parts": checks.parts(found),
+        "control": checks.control_table(found),
         "words": story.option_words(project["options"]),
-        "candidates": found.get("candidates", []),
+        "contests": candidates.contests(found, view.threshold.get("bowing_sigma", 3.0)),
         "notes": found.get("notes", []),
-        "rung": found.get("rung"),
+        "rung": checks.RUNG_WORDS.get(found.get("rung") or "", found.get("rung") or ""),
     }
+
+
+def _told_of(view: View, groups: Sequence[FindingGroup]) -> List[Tuple[str, int, int]]:
+    """(payload, its number, findings about it) of each payload that a finding is about, for the filter."""
+    counts: Dict[str, int] = {}
+    for group in groups:
+        for line in group.lines:
+            for payload in line.payloads:
+                counts[payload] = counts.get(payload, 0) + 1
+    return [(payload, number, counts[payload]) for payload, number in charts.colours(view).items() if payload in counts]
 
 
 def _tiles(view: View) -> List[Tuple[str, str]]:
@@ -175,6 +187,7 @@ def _thresholds(report: Mapping[str, Any]) -> List[Dict[str, Any]]:
 
 def _drawings(view: View) -> Dict[str, Any]:
     colour = charts.colours(view)
+    drawn_map = survey_map(view)
     limit = view.threshold
     projects = {}
     for project in view.report["subprojects"]:
@@ -185,12 +198,14 @@ def _drawings(view: View) -> Dict[str, Any]:
         drawn = (
             ("Matches between payloads", MATCH_CAPTION.format(least), charts.match_graph(found, least, colour)),
             ("GPS fit by payload", GPS_CAPTION, charts.gps_chart(found, colour)),
-            ("Camera positions against GPS", RESIDUAL_CAPTION, charts.residual_chart(view, found, colour)),
+            ("GPS residuals", RESIDUAL_CAPTION, charts.residual_chart(view, found, colour)),
+            ("GPS residuals on the map", PATTERN_CAPTION, charts.residual_map(view, found, colour)),
             ("Bowing", BOWING_CAPTION, charts.bowing_chart(found, limit.get("bowing_sigma", 3.0))),
         )
         projects[project["name"]] = [(t, c, _trusted(d)) for t, c, d in drawn if d]
     return {
-        "maps": [(_trusted(m.drawing), m.caption) for m in survey_map.site_maps(view)],
+        "maps": [(_trusted(panel.drawing), panel.caption) for panel in drawn_map.panels],
+        "map_note": drawn_map.note,
         "projects": projects,
         "gsd": _trusted(distributions.gsd_chart(view, colour)),
         "focal": _trusted(distributions.focal_chart(view, colour)),

@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
-from .view import SPECTRUM_WORDS, View, figure, listing, plural, share
+from .view import SPECTRUM_WORDS, View, listing, plural, share
 
-GOOD = "good"
-BAD = "bad"
-NOTE = "note"
 ODM_DEFAULT_FOCAL = "0.85"
 HEIGHT_WORDS = {
     "relative-altitude": "above take-off",
@@ -28,17 +25,6 @@ class Comparison:
     instead: str
 
 
-@dataclass(frozen=True)
-class Check:
-    """One figure of an alignment in words. ``state`` is ``good``, ``bad`` or ``note``."""
-
-    name: str
-    value: str
-    limit: str
-    state: str
-    words: str
-
-
 def verdict(view: View) -> Tuple[str, str]:
     """The verdict in one plain sentence, and a second one that says where things stand."""
     report = view.report
@@ -50,7 +36,11 @@ def verdict(view: View) -> Tuple[str, str]:
     if report["verdict"] == "consistent":
         headline = f"Consistent: {'this' if len(report['frames']) == 1 else 'these'} {frames} can be queued."
     elif len(report["subprojects"]) > 1:
-        headline = f"Do not queue this folder as one project: it holds {len(report['subprojects'])} projects."
+        count = len(report["subprojects"])
+        instead = f"queue the {count} projects made from it" if view.written else f"it holds {count} projects"
+        headline = f"Do not queue this folder as one project: {instead}."
+    elif view.written:
+        headline = "Do not queue this folder as it is: queue the project made from it."
     elif len(spectra) > 1:
         headline = f"Do not queue this folder as one project: it mixes {listing(spectra)} frames."
     else:
@@ -64,7 +54,7 @@ def standing(view: View) -> str:
     projects = view.report["subprojects"]
     if not projects:
         mended = view.report["verdict"] == "inconsistent"
-        return "sensorgate run sorts it into projects that fit; the originals stay as they are." if mended else ""
+        return "sensorgate run sorts them into projects that fit; the originals stay as they are." if mended else ""
     said = f"{plural(len(projects), 'project')} {'written' if view.written else 'proposed'}"
     words = {
         "proceed": "proven to reconstruct",
@@ -80,8 +70,24 @@ def comparisons(view: View) -> List[Comparison]:
     """Topic by topic, only where the two differ."""
     if not view.report["frames"]:
         return []
-    parts = (_projects(view), _cameras(view), _focal(view), _resolution(view), _brightness(view), _left_out(view))
-    return [row for row in parts if row]
+    parts = (_outcome, _projects, _cameras, _focal, _resolution, _brightness, _left_out)
+    return [row for row in (part(view) for part in parts) if row]
+
+
+def _outcome(view: View) -> Optional[Comparison]:
+    """Whether ODM would come to an end at all."""
+    stops = [f for f in view.report["findings"] if f["code"].startswith("odm-crash") and f["severity"] == "error"]
+    if not stops:
+        return None
+    projects = view.report["subprojects"]
+    proven = sum(1 for p in projects if p["route"] != "unproven")
+    made = plural(len(projects), "project")
+    instead = (
+        f"{made} that ODM can load, {proven} of them reconstructed on trial."
+        if view.written
+        else "Projects that ODM can load, each reconstructed on trial before it is handed over."
+    )
+    return Comparison("Does it run?", f"No. {stops[0]['message']}", instead)
 
 
 def _projects(view: View) -> Optional[Comparison]:
@@ -226,133 +232,6 @@ def _left_out(view: View) -> Optional[Comparison]:
     kept = "; panel captures are copied beside the project" if panels else ""
     instead = f"{plural(len(left), 'file')} left out and listed below{kept}."
     return Comparison("Not survey", alone + ".", instead)
-
-
-def alignment_checks(view: View, project: Mapping[str, Any]) -> List[Check]:
-    """The figures of one sub-project's alignment, each with its limit and what it means."""
-    found = project["alignment"]
-    if found is None:
-        return []
-    limit = view.threshold
-    checks = [_registered(found, limit), _reprojection(found, limit)]
-    checks.extend(_gps(found))
-    checks.extend(c for c in (_height(found), _bowing(found, limit), _inliers(found, limit)) if c)
-    return checks
-
-
-def _registered(found: Mapping[str, Any], limit: Mapping[str, float]) -> Check:
-    total, placed, models = found["frames"], found["registered"], found["components"]
-    enough = total > 0 and placed / total >= limit.get("min_registered_share", 0.5) and models == 1
-    words = (
-        "All frames hang together in one model."
-        if models == 1 and placed == total
-        else f"{plural(total - placed, 'frame')} found no place; the rest hang together in one model."
-        if models == 1
-        else "No model could be built."
-        if models == 0
-        else f"The frames fall apart into {models} models; ODM would keep only the largest."
-    )
-    return Check("Frames placed", f"{placed:,} of {total:,}", "one model", GOOD if enough else BAD, words)
-
-
-def _reprojection(found: Mapping[str, Any], limit: Mapping[str, float]) -> Check:
-    error, most = found["mean_reproj_error_px"], limit.get("max_reproj_error_px", 2.0)
-    words = (
-        "How far points land from where the model puts them. A wrong model can pass this, so it is never enough alone."
-    )
-    state = BAD if error is None or error > most else GOOD
-    return Check("Reprojection error", figure(error, 2, "px"), f"≤ {most:.1f} px", state, words)
-
-
-def _gps(found: Mapping[str, Any]) -> List[Check]:
-    checks = []
-    for key, name in (("horizontal", "GPS fit, level"), ("vertical", "GPS fit, height")):
-        value, most = found.get(f"gps_{key}_m"), found.get(f"gps_limit_{key}_m")
-        if value is None:
-            continue
-        words = (
-            "How far the solved camera positions lie from their GPS. This is what tells a right model from a wrong one."
-        )
-        if key == "vertical":
-            words = "The same in height."
-        state = NOTE if most is None else GOOD if value <= most else BAD
-        checks.append(Check(name, figure(value, 2, "m"), f"≤ {most:.1f} m" if most is not None else "", state, words))
-    if not checks:
-        value = found["gps_rmse_m"]
-        words = (
-            "How far the solved camera positions lie from their GPS."
-            if value is not None
-            else "There is no GPS to hold the model against."
-        )
-        checks.append(Check("GPS fit", figure(value, 2, "m"), "", NOTE, words))
-    return checks
-
-
-def _height(found: Mapping[str, Any]) -> Optional[Check]:
-    if found["height_m"] is None:
-        return None
-    flown = [p["flown_height_m"] for p in found.get("payloads", []) if p.get("flown_height_m") is not None]
-    solved = [p["height_m"] for p in found.get("payloads", []) if p.get("height_m") is not None]
-    if len(flown) == 1 and len(solved) == 1:
-        return Check(
-            "Flying height",
-            figure(solved[0], 1, "m"),
-            f"flown {flown[0]:.1f} m",
-            NOTE,
-            "Solved height above the solved ground.",
-        )
-    return Check(
-        "Flying height", figure(found["height_m"], 1, "m"), "", NOTE, "Solved height above the solved ground, median."
-    )
-
-
-def _bowing(found: Mapping[str, Any], limit: Mapping[str, float]) -> Optional[Check]:
-    bow, error = found["bowing_m"], found["bowing_se_m"]
-    if bow is None:
-        return None
-    value = f"{bow:+.2f} m" + (f" ± {error:.2f}" if error is not None else "")
-    needed = limit.get("bowing_sigma", 3.0)
-    called = error is not None and abs(bow) > needed * error
-    words = (
-        f"The block bends: its middle lies {abs(bow):.2f} m {'low' if bow > 0 else 'high'} against its edge. "
-        "Cross strips, obliques or ground control points cure it."
-        if called
-        else f"Flat: less than {needed:g} standard errors, so no bending can be called."
-    )
-    return Check(
-        "Bowing", value, f"± {needed * error:.2f} m" if error is not None else "", NOTE if called else GOOD, words
-    )
-
-
-def _inliers(found: Mapping[str, Any], limit: Mapping[str, float]) -> Optional[Check]:
-    value, least = found.get("median_inliers"), limit.get("min_inliers", 30)
-    if value is None:
-        return None
-    words = "Median of verified matches per pair of frames."
-    return Check("Matches per pair", figure(value, 0), f"≥ {least:g}", GOOD if value >= least else BAD, words)
-
-
-def cross_words(found: Mapping[str, Any], least: float, told: Sequence[str] = ()) -> List[str]:
-    """One sentence per pair of payloads that were matched, and what was said of each payload and not yet told."""
-    lines = []
-    for pair in found.get("pairs", []):
-        if pair["a"] == pair["b"]:
-            continue
-        inliers = pair["inliers_median"]
-        enough = inliers is not None and inliers >= least
-        judged = "enough to join them" if enough else f"too few to join them ({least:g} needed)"
-        tried = plural(pair["pairs"], "pair")
-        lines.append(f"{pair['a']} and {pair['b']}: {figure(inliers, 0)} matches per pair over {tried}, {judged}.")
-    for payload in found.get("payloads", []):
-        for reason in payload.get("reasons", []):
-            named = f"{payload['payload']}: {reason}"
-            if reason not in told and named not in told:
-                lines.append(named)
-        offset = payload.get("gps_offset_m")
-        if offset:
-            shift = ", ".join(f"{v:+.1f} m {way}" for v, way in zip(offset, ("east", "north", "up")) if v is not None)
-            lines.append(f"{payload['payload']}: its geometry fits, but its GPS is shifted by {shift}.")
-    return lines
 
 
 def excluded_groups(view: View) -> List[Tuple[str, List[str]]]:

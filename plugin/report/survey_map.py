@@ -1,7 +1,7 @@
 """The map of the survey: frames by payload, flights as lines, what was left out, ground control.
 
-A survey may hold several sites; each gets its own drawing, so that one stray
-position does not shrink the rest to a dot.
+A survey may hold several sites; each gets a panel with its own scale bar, so
+that one stray position does not shrink the rest to a dot.
 """
 
 from __future__ import annotations
@@ -12,151 +12,100 @@ from dataclasses import dataclass
 from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple
 
 from . import svg
+from .plane import Plane, Size, has_position
+from .sites import Spot, bearing_words, belongs, split_sites
 from .view import View, plural
 
-METRES_PER_DEGREE = 111_320.0  # of latitude; a map for the eye needs no ellipsoid
-SITE_CELL_M = 2000.0
-MOST_SITES = 4
-WIDTH, MARGIN, LEAST_HEIGHT = 960.0, 46.0, 240.0
-MOST_HEIGHT, MOST_HEIGHT_LATER = 620.0, 340.0
+MOST_SITES = 6
+MARGIN = 46.0
+WHOLE: Size = (960.0, 240.0, 560.0)
+PANEL: Size = (480.0, 340.0, 340.0)
 MOST_MARKS = 200
-Cell = Tuple[int, int]
+MOST_NAMES = 40
+Frame = Mapping[str, Any]
+Room = Tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class SiteMap:
-    """One drawing and what it leaves unsaid."""
+    """One panel and what it leaves unsaid."""
 
     drawing: str
     caption: str
 
 
-def has_position(frame: Mapping[str, Any]) -> bool:
-    """The frame has a position that is not the 0, 0 of a camera without a fix."""
-    latitude, longitude = frame["latitude"], frame["longitude"]
-    return latitude is not None and longitude is not None and (abs(latitude) > 1e-6 or abs(longitude) > 1e-6)
+@dataclass(frozen=True)
+class SurveyMap:
+    """All panels, and in one sentence what no panel shows (empty where all is drawn)."""
+
+    panels: Tuple[SiteMap, ...] = ()
+    note: str = ""
 
 
-def site_maps(view: View) -> List[SiteMap]:
-    """One map per site, the site with most frames first; at most ``MOST_SITES``."""
+def survey_map(view: View) -> SurveyMap:
+    """One panel per site, the site with most frames first; at most ``MOST_SITES``."""
     placed = [f for f in view.report["frames"] if has_position(f)]
     anchors = [f for f in placed if not f["reason"]] or placed
     if not anchors:
-        return []
-    sites = _sites(anchors)
-    drawn = sites[:MOST_SITES]
+        return SurveyMap()
+    sites = [[anchors[i] for i in site] for site in split_sites([_spot(f) for f in anchors])]
+    others = [f for f in placed if f["reason"]] if anchors is not placed else []
+    spots = [[_spot(f) for f in site] for site in sites[:MOST_SITES]]
     covered: Set[str] = set()
-    maps = []
-    for number, cells in enumerate(drawn, 1):
-        here = [f for f in placed if _cell(f) in cells or _near(f, cells)]
-        covered.update(f["path"] for f in here)
-        height = MOST_HEIGHT if number == 1 else MOST_HEIGHT_LATER
-        maps.append(_draw(view, here, f"Site {number}" if len(sites) > 1 else "Survey", height))
-    missing = len(view.report["frames"]) - len(placed)
-    away = len(placed) - len(covered)
+    panels = []
+    for number, site in enumerate(sites[:MOST_SITES]):
+        near = [f for f in others if f["path"] not in covered and belongs(_spot(f), spots[number])]
+        covered.update(f["path"] for f in (*site, *near))
+        name = f"Site {number + 1}" if len(sites) > 1 else "Survey"
+        where = f", {bearing_words(spots[0], spots[number])} of site 1" if number else ""
+        panels.append(_draw(view, site, near, f"{name}{where}", PANEL if len(sites) > 1 else WHOLE))
+    lacking, away = len(view.report["frames"]) - len(placed), len(placed) - len(covered)
     notes = [
-        f"{plural(missing, 'frame')} without a position" if missing else "",
-        f"{plural(away, 'frame')} far away" if away else "",
+        f"{plural(lacking, 'frame')} without a position" if lacking else "",
+        f"{plural(away, 'frame')} far away from the rest" if away else "",
     ]
     said = " and ".join(n for n in notes if n)
-    if said:
-        maps[0] = SiteMap(maps[0].drawing, f"{maps[0].caption} Not drawn: {said}.")
-    return maps
+    return SurveyMap(tuple(panels), f"Not drawn: {said}." if said else "")
 
 
-def _cell(frame: Mapping[str, Any]) -> Cell:
-    narrow = max(0.01, math.cos(math.radians(frame["latitude"])))
-    return (
-        math.floor(frame["latitude"] * METRES_PER_DEGREE / SITE_CELL_M),
-        math.floor(frame["longitude"] * METRES_PER_DEGREE * narrow / SITE_CELL_M),
-    )
+def _spot(frame: Frame) -> Spot:
+    return float(frame["latitude"]), float(frame["longitude"])
 
 
-def _near(frame: Mapping[str, Any], cells: Set[Cell]) -> bool:
-    row, column = _cell(frame)
-    return any((row + i, column + j) in cells for i in (-1, 0, 1) for j in (-1, 0, 1))
-
-
-def _sites(frames: Sequence[Mapping[str, Any]]) -> List[Set[Cell]]:
-    """Neighbouring cells joined; a row of cells shifts a little with latitude, which the joining absorbs."""
-    counts: Dict[Cell, int] = {}
-    for frame in frames:
-        cell = _cell(frame)
-        counts[cell] = counts.get(cell, 0) + 1
-    left = set(counts)
-    sites = []
-    while left:
-        grown: Set[Cell] = set()
-        todo = [min(left)]
-        while todo:
-            cell = todo.pop()
-            if cell in left:
-                left.discard(cell)
-                grown.add(cell)
-                todo.extend((cell[0] + i, cell[1] + j) for i in (-1, 0, 1) for j in (-1, 0, 1))
-        sites.append(grown)
-    return sorted(sites, key=lambda s: (-sum(counts[c] for c in s), min(s)))
-
-
-class _Projection:
-    """Degrees to drawing units, north up."""
-
-    def __init__(self, frames: Sequence[Mapping[str, Any]], most_height: float) -> None:
-        self.latitude, self.longitude = frames[0]["latitude"], frames[0]["longitude"]
-        self.narrow = max(0.01, math.cos(math.radians(self.latitude)))
-        metres = [self._metres(f["latitude"], f["longitude"]) for f in frames]
-        east, north = [m[0] for m in metres], [m[1] for m in metres]
-        width, depth = max(max(east) - min(east), 40.0), max(max(north) - min(north), 20.0)
-        self.scale = min((WIDTH - 2 * MARGIN) / width, (most_height - 2 * MARGIN) / depth)
-        self.height = max(LEAST_HEIGHT, depth * self.scale + 2 * MARGIN)
-        self.middle = ((max(east) + min(east)) / 2, (max(north) + min(north)) / 2)
-
-    def _metres(self, latitude: float, longitude: float) -> Tuple[float, float]:
-        turned = (longitude - self.longitude + 540.0) % 360.0 - 180.0
-        return turned * METRES_PER_DEGREE * self.narrow, (latitude - self.latitude) * METRES_PER_DEGREE
-
-    def __call__(self, latitude: float, longitude: float) -> svg.Point:
-        east, north = self._metres(latitude, longitude)
-        return WIDTH / 2 + (east - self.middle[0]) * self.scale, self.height / 2 - (north - self.middle[1]) * self.scale
-
-    def inside(self, at: svg.Point) -> bool:
-        return 4 <= at[0] <= WIDTH - 4 and 4 <= at[1] <= self.height - 4
-
-
-def _draw(view: View, frames: Sequence[Mapping[str, Any]], name: str, most_height: float) -> SiteMap:
-    used = [f for f in frames if not f["reason"]] or list(frames)
-    project = _Projection(used, most_height)
-    order = [p["id"] for p in view.report["payloads"]]
-    here = {f["path"]: project(f["latitude"], f["longitude"]) for f in frames}
-    radius = max(1.4, min(5.0, 0.22 * math.sqrt(WIDTH * project.height / max(1, len(used)))))
-    body = [svg.rectangle(0, 0, WIDTH, project.height, "ground")]
-    for index, payload in enumerate(order):
-        members = next(p for p in view.report["payloads"] if p["id"] == payload)
-        body.append(f'<g class="layer-{index}">')
-        for flight in view.report["flights"]:
-            if flight["profile"] == members["primary"]:
-                way = [here[p] for p in flight["frames"] if p in here and project.inside(here[p])]
-                body.append(svg.polyline(way, f"way {svg.colour_class(index)}"))
-        body.append("</g>")
-    drawn = 0
-    for index, payload in enumerate(order):
-        spots = [here[f["path"]] for f in used if f["payload"] == payload and project.inside(here[f["path"]])]
+def _draw(view: View, used: Sequence[Frame], left: Sequence[Frame], name: str, size: Size) -> SiteMap:
+    project = Plane([_spot(f) for f in used], size, MARGIN)
+    here = {f["path"]: project(_spot(f)) for f in (*used, *left)}
+    radius = max(1.4, min(5.0, 0.22 * math.sqrt(project.width * project.height / max(1, len(used)))))
+    body = [svg.rectangle(0, 0, project.width, project.height, "ground")]
+    ways: Dict[str, List[str]] = {}
+    leads = {p["primary"]: (i, p["id"]) for i, p in enumerate(view.report["payloads"])}
+    for flight in view.report["flights"]:
+        if flight["profile"] in leads:
+            way = [here[p] for p in flight["frames"] if p in here and project.inside(here[p])]
+            index, payload = leads[flight["profile"]]
+            ways.setdefault(payload, []).append(svg.polyline(way, f"way {svg.colour_class(index)}"))
+    spots: Dict[str, List[svg.Point]] = {}
+    for frame in used:
+        spots.setdefault(frame["payload"], []).append(here[frame["path"]])
+    over = []
+    for index, payload in enumerate(p["id"] for p in view.report["payloads"]):
+        if payload not in spots:
+            continue
         # Payloads of one drone stand on one spot: each next one is drawn smaller, as a ring around a dot.
-        size = 2 * radius * max(0.5, 1.0 - 0.15 * drawn)
-        drawn += bool(spots)
-        body.append(f'<g class="layer-{index}">{svg.dots(spots, svg.colour_class(index), size)}</g>')
-    body.extend(_marks(view, frames, here, project))
+        dots = svg.dots(spots[payload], svg.colour_class(index), 2 * radius * max(0.5, 1.0 - 0.15 * len(over)))
+        body.append(f'<g class="layer-{index}">{"".join(ways.get(payload, []))}</g>')
+        over.append(f'<g class="layer-{index}"><title>{html.escape(payload)}</title>{dots}</g>')
+    body.extend(over)
+    body.extend(_marks(view, (*used, *left), here, project))
     body.extend(_control(view, project))
     body.extend(_scale_bar(project))
-    left = sum(1 for f in frames if f["reason"])
-    caption = f"{name}: {plural(len(frames), 'frame')} from {plural(len({f['payload'] for f in used}), 'payload')}"
-    caption += f", {left:,} of them left out (crosses)." if left else "."
-    return SiteMap(svg.figure(WIDTH, project.height, f"Map. {caption} North is up.", body, "map"), caption)
+    caption = f"{name}: {plural(len(used) + len(left), 'frame')} from {plural(len(spots), 'payload')}"
+    caption += f", {len(left):,} of them left out (crosses)." if left else "."
+    css = "map" if size == WHOLE else "map panel"
+    return SiteMap(svg.figure(project.width, project.height, f"Map. {caption} North is up.", body, css), caption)
 
 
-def _marks(
-    view: View, frames: Sequence[Mapping[str, Any]], here: Mapping[str, svg.Point], project: _Projection
-) -> List[str]:
+def _marks(view: View, frames: Sequence[Frame], here: Mapping[str, svg.Point], project: Plane) -> List[str]:
     """Crosses for frames left out, rings for frames that the alignment could not place."""
     lost = {p for s in view.report["subprojects"] for p in (s["alignment"] or {}).get("unregistered", [])}
     body = ['<g class="marks">']
@@ -176,24 +125,41 @@ def _marks(
     return [*body, "</g>"] if shown else []
 
 
-def _control(view: View, project: _Projection) -> List[str]:
-    points = view.report["inputs"].get("gcp", [])
+def _control(view: View, project: Plane) -> List[str]:
+    """Triangles for ground control, diamonds for check points, named where the name finds room."""
+    points = [p for p in view.report["inputs"].get("gcp", []) if None not in (p["latitude"], p["longitude"])]
     body = []
-    for point in points[:MOST_MARKS]:
-        x, y = at = project(point["latitude"], point["longitude"])
-        if not project.inside(at):
-            continue
-        body.append(f'<path d="M{svg.number(x)} {svg.number(y - 9)}l9 15h-18z" class="gcp"/>')
-        if len(points) <= 30:
-            body.append(svg.text(x + 12, y + 5, svg.shortened(point["name"], 14), "gcp-name"))
+    placed = [(p, project((p["latitude"], p["longitude"]))) for p in points]
+    placed = [(p, at) for p, at in placed if project.inside(at)][:MOST_MARKS]
+    taken = [(x - 9, y - 9, x + 9, y + 6) for _, (x, y) in placed]
+    for point, (x, y) in placed:
+        shape = f"M{svg.number(x)} {svg.number(y - 9)}l9 15h-18z"
+        if point.get("check"):
+            shape = f"M{svg.number(x)} {svg.number(y - 9)}l9 9l-9 9l-9 -9z"
+        kind = "check point" if point.get("check") else "ground control"
+        title = f"<title>{html.escape(str(point['name']))}: {kind}, {plural(point['images'], 'frame')}</title>"
+        body.append(f'<g>{title}<path d="{shape}" class="gcp"/></g>')
+    for point, (x, y) in placed[:MOST_NAMES]:
+        name = svg.shortened(point["name"], 14)
+        length = 7.5 * len(name)
+        for left, anchor in ((x + 12, "start"), (x - 12 - length, "end")):
+            room = (left, y - 7, left + length, y + 7)
+            if left > 4 and left + length < project.width - 4 and not any(_meet(room, t) for t in taken):
+                taken.append(room)
+                body.append(svg.text(x + 12 if anchor == "start" else x - 12, y + 5, name, "gcp-name", anchor))
+                break
     return body
 
 
-def _scale_bar(project: _Projection) -> List[str]:
-    metres = svg.nice_step(WIDTH / project.scale / 5.5, 1)
+def _meet(a: Room, b: Room) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+def _scale_bar(project: Plane) -> List[str]:
+    metres = svg.nice_step(project.width / project.scale / 5.5, 1)
     length, y = metres * project.scale, project.height - 18
     label = f"{metres / 1000:g} km" if metres >= 1000 else f"{metres:g} m"
-    x = WIDTH - 26
+    x = project.width - 26
     return [
         f'<path d="M18 {svg.number(y - 6)}v6h{svg.number(length)}v-6" class="bar"/>',
         svg.text(18 + length / 2, y - 5, label, "bar-text", "middle"),

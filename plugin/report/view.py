@@ -6,6 +6,7 @@ they never disagree. Pure: nothing is read or written.
 
 from __future__ import annotations
 
+import re
 import statistics
 from dataclasses import dataclass, field
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
@@ -25,6 +26,19 @@ SOURCE_WORDS = {
     "solved": "solved by the alignment",
     "unknown": "unknown",
 }
+# As the reasons of the stages name a source, in words that stand behind "from".
+_PROSE = {
+    "user-sheet": "your sheet",
+    "xmp-camera": "the factory calibration in the file",
+    "xmp-dewarp": "the maker's dewarp data",
+    "stored-calibration": "earlier surveys of this body",
+    "xmp-calibrated": "the maker's calibrated focal",
+    "focal-plane": "the focal-plane tags",
+    "sheet": "the calibration sheet",
+    "equivalent-35mm": "the 35 mm equivalent",
+    "generic-width": "a guessed sensor width",
+}
+_NAMED_SOURCE = re.compile(rf"\b(focal from|distortion(?: from)?) ({'|'.join(_PROSE)})(?![\w-])")
 SHORT_SOURCES = {
     "user-sheet": "sheet",
     "xmp-camera": "xmp",
@@ -48,6 +62,12 @@ def clean_text(text: str) -> str:
     if text.isascii() and text.isprintable():
         return text
     return "".join(c if c.isprintable() else " " if c.isspace() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def in_words(text: str) -> str:
+    """A reason of a stage for the eye: sources by their words, a capital first."""
+    told = _NAMED_SOURCE.sub(lambda m: f"{m[1] if m[1].endswith('from') else m[1] + ' from'} {_PROSE[m[2]]}", text)
+    return told[:1].upper() + told[1:] if told[:1].isascii() and " " in told else told
 
 
 def cleaned(value: Any) -> Any:
@@ -119,17 +139,30 @@ class PayloadRow:
 
 
 @dataclass(frozen=True)
+class FindingLine:
+    """One message and the payloads that it is about; none when it is about the whole folder."""
+
+    message: str
+    payloads: Tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class FindingGroup:
     """Findings of one code and severity that say the same kind of thing."""
 
     code: str
     severity: str
-    message: str
-    others: Tuple[str, ...]
+    lines: Tuple[FindingLine, ...]
+    payloads: Tuple[str, ...]
     count: int
     subjects: Tuple[str, ...]
     remedies: Tuple[str, ...]
     odm_messages: Tuple[str, ...]
+
+    @property
+    def message(self) -> str:
+        """The first of its messages."""
+        return self.lines[0].message
 
 
 @dataclass
@@ -140,12 +173,25 @@ class View:
     frames: Dict[str, Dict[str, Any]] = field(init=False)
     profiles: Dict[str, Dict[str, Any]] = field(init=False)
     subprojects: Dict[str, Dict[str, Any]] = field(init=False)
+    owners: Dict[str, Tuple[str, ...]] = field(init=False)
 
     def __post_init__(self) -> None:
         self.report = cleaned(self.report)
         self.frames = {f["path"]: f for f in self.report["frames"]}
         self.profiles = {p["id"]: p for p in self.report["profiles"]}
         self.subprojects = {s["name"]: s for s in self.report["subprojects"]}
+        self.owners = self._owners()
+
+    def _owners(self) -> Dict[str, Tuple[str, ...]]:
+        """What a finding may name (project, frame, flight, profile, payload) to the payloads that it belongs to."""
+        found: Dict[str, Tuple[str, ...]] = {s["name"]: tuple(s["payloads"]) for s in self.report["subprojects"]}
+        found.update({f["path"]: (f["payload"],) for f in self.report["frames"] if f["payload"]})
+        of_profile = {p: (payload["id"],) for payload in self.report["payloads"] for p in payload["profiles"]}
+        for flight in self.report["flights"]:
+            found[flight["id"]] = of_profile.get(flight["profile"], ())
+        found.update(of_profile)
+        found.update({p["id"]: (p["id"],) for p in self.report["payloads"]})
+        return found
 
     @property
     def written(self) -> bool:
@@ -216,22 +262,25 @@ class View:
         for finding in self.report["findings"]:
             key = (SEVERITY_ORDER[finding["severity"]], finding["severity"], finding["code"])
             groups.setdefault(key, []).append(finding)
-        return [_group(severity, code, groups[rank, severity, code]) for rank, severity, code in sorted(groups)]
+        return [self._group(severity, code, groups[rank, severity, code]) for rank, severity, code in sorted(groups)]
+
+    def _group(self, severity: str, code: str, found: Sequence[Mapping[str, Any]]) -> FindingGroup:
+        about: Dict[str, List[str]] = {}
+        for finding in found:
+            named = about.setdefault(finding["message"], [])
+            named.extend(p for subject in finding["subjects"] for p in self.owners.get(subject, ()))
+        lines = tuple(FindingLine(message, tuple(dict.fromkeys(p))) for message, p in about.items())
+        return FindingGroup(
+            code=code,
+            severity=severity,
+            lines=lines,
+            payloads=() if any(not i.payloads for i in lines) else _unique(p for i in lines for p in i.payloads),
+            count=len(found),
+            subjects=_unique(s for f in found for s in f["subjects"]),
+            remedies=_unique(f["remedy"] for f in found),
+            odm_messages=_unique(f["odm_message"] for f in found),
+        )
 
 
 def _unique(values: Iterable[Optional[str]]) -> Tuple[str, ...]:
     return tuple(dict.fromkeys(v for v in values if v))
-
-
-def _group(severity: str, code: str, found: Sequence[Mapping[str, Any]]) -> FindingGroup:
-    messages = _unique(f["message"] for f in found)
-    return FindingGroup(
-        code=code,
-        severity=severity,
-        message=messages[0],
-        others=messages[1:],
-        count=len(found),
-        subjects=_unique(s for f in found for s in f["subjects"]),
-        remedies=_unique(f["remedy"] for f in found),
-        odm_messages=_unique(f["odm_message"] for f in found),
-    )

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any, Dict, List
 
 import pytest
 from sensorgate.plugin.report import story
-from sensorgate.plugin.report.view import View, clean_text, figure, listing
+from sensorgate.plugin.report.flights import flight_rows
+from sensorgate.plugin.report.view import View, clean_text, figure, in_words, listing
 
 from tests.plugin.report.sample import empty, sample
-
-
-def checks(report: Dict[str, Any], project: int = 0) -> Dict[str, story.Check]:
-    view = View(report)
-    return {c.name: c for c in story.alignment_checks(view, view.report["subprojects"][project])}
 
 
 def without_projects() -> Dict[str, Any]:
@@ -27,7 +22,7 @@ def without_projects() -> Dict[str, Any]:
 
 def test_verdict_counts_projects_and_proof() -> None:
     headline, detail = story.verdict(View(sample()))
-    assert "4 projects" in headline
+    assert headline == "Do not queue this folder as one project: queue the 4 projects made from it."
     assert "2 proven to reconstruct, 1 set apart, 1 unproven" in detail
     assert "415 frames from 9 cameras in 3 spectra" in detail
 
@@ -61,6 +56,14 @@ def test_a_true_ratio_of_085_is_no_silent_default() -> None:
     assert "0.85 ×" not in rows["Focal length"].alone
 
 
+def test_a_folder_that_odm_cannot_load_is_told_first() -> None:
+    report = sample()
+    report["findings"].append({**report["findings"][0], "code": "odm-crash-band-count", "message": "ODM would stop."})
+    first = story.comparisons(View(report))[0]
+    assert first.topic == "Does it run?" and first.alone == "No. ODM would stop."
+    assert first.instead == "4 projects that ODM can load, 3 of them reconstructed on trial."
+
+
 def test_merged_cameras_are_named() -> None:
     report = sample()
     for frame in report["frames"]:
@@ -68,46 +71,6 @@ def test_merged_cameras_are_named() -> None:
             frame["odm_camera_id"] = "v2 micasense rededge-m 1280 960 brown 1.1312"
     row = next(c for c in story.comparisons(View(report)) if c.topic == "Cameras")
     assert "micasense-rededge-blue and micasense-rededge-green would be taken for one camera" in row.alone
-
-
-def test_checks_judge_by_the_limits() -> None:
-    good = checks(sample())
-    assert {c.state for name, c in good.items() if name != "Flying height"} == {story.GOOD}
-    report = sample()
-    report["subprojects"][0]["alignment"].update(
-        mean_reproj_error_px=2.4, gps_horizontal_m=56.0, components=3, median_inliers=12, bowing_m=0.5, bowing_se_m=0.04
-    )
-    bad = checks(report)
-    for name in ("Reprojection error", "GPS fit, level", "Frames placed", "Matches per pair"):
-        assert bad[name].state == story.BAD
-    assert bad["GPS fit, height"].state == story.GOOD
-    assert "low against its edge" in bad["Bowing"].words
-
-
-@pytest.mark.parametrize("missing", ["mean_reproj_error_px", "gps_rmse_m", "height_m", "bowing_m", "bowing_se_m"])
-def test_a_missing_figure_never_passes(missing: str) -> None:
-    report = sample()
-    found = report["subprojects"][0]["alignment"]
-    found[missing] = None
-    if missing == "gps_rmse_m":
-        found["gps_horizontal_m"] = found["gps_vertical_m"] = None
-    judged = checks(report)
-    if missing == "mean_reproj_error_px":
-        assert judged["Reprojection error"].state == story.BAD
-    if missing == "gps_rmse_m":
-        assert judged["GPS fit"].state == story.NOTE
-
-
-def test_cross_words_say_too_few() -> None:
-    report = sample()
-    words = story.cross_words(report["subprojects"][1]["alignment"], 30)
-    assert words == ["phantom-3 and phantom-4-pro: 11 matches per pair over 3 pairs, too few to join them (30 needed)."]
-
-
-def test_cross_words_tell_a_gps_shift() -> None:
-    found = copy.deepcopy(sample()["subprojects"][0]["alignment"])
-    found["payloads"][1]["gps_offset_m"] = [12.0, -3.25, 18.0]
-    assert "shifted by +12.0 m east, -3.2 m north, +18.0 m up" in story.cross_words(found, 30)[-1]
 
 
 @pytest.mark.parametrize(
@@ -129,6 +92,53 @@ def test_findings_are_grouped_worst_first() -> None:
     assert [g.severity for g in groups] == sorted((g.severity for g in groups), key=["error", "warning", "info"].index)
     transit = next(g for g in groups if g.code == "transit")
     assert transit.count == 3 and len(transit.subjects) == 3
+
+
+def test_a_finding_belongs_to_the_payloads_that_it_names() -> None:
+    report = sample()
+    flight = next(f["id"] for f in report["flights"] if f["profile"] == "dji-fc300x-rgb")
+    report["findings"] = [
+        {**report["findings"][0], "code": "a", "subjects": subjects, "message": message}
+        for subjects, message in (
+            ([flight], "by flight"), (["dji-xt2-thermal"], "by profile"), (["rededge"], "by payload"),
+            (["rgb"], "by project"), ([report["frames"][0]["path"]], "by frame"), (["nowhere"], "of the folder"),
+        )
+    ]  # fmt: skip
+    (group,) = View(report).finding_groups()
+    about = {line.message: line.payloads for line in group.lines}
+    assert about["by flight"] == ("phantom-3",) and about["by profile"] == ("xt2-thermal",)
+    assert about["by payload"] == ("rededge",) and about["by project"] == ("phantom-4-pro", "mavic-2-pro")
+    assert about["by frame"] == (report["frames"][0]["payload"],) and about["of the folder"] == ()
+    assert group.payloads == ()  # one line is about the whole folder, so the group always shows
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("distortion xmp-camera; focal from xmp-camera; held",
+         "Distortion from the factory calibration in the file; focal from the factory calibration in the file; held"),
+        ("focal from equivalent-35mm; left to be solved", "Focal from the 35 mm equivalent; left to be solved"),
+        ("distortion solved; focal from sheet-like", "Distortion solved; focal from sheet-like"),
+        ("rgb", "rgb"), ("", ""),
+    ],
+)  # fmt: skip
+def test_reasons_name_sources_in_words(text: str, words: str) -> None:
+    assert in_words(text) == words
+
+
+def test_bands_of_one_flight_are_one_row() -> None:
+    report = sample()
+    rows = flight_rows(View(report))
+    assert len({r.name for r in rows}) == len(rows)
+    assert sum(r.frames for r in rows) == sum(len(f["frames"]) for f in report["flights"])
+    for flight in report["flights"]:
+        flight["id"] = flight["id"].replace("-flight-", ":")
+    for action in report["actions"]:
+        action["flight"] = action["flight"].replace("-flight-", ":")
+    by_name = {r.name: r for r in flight_rows(View(report))}
+    spread = len({f["gsd_cm"] for f in report["flights"] if "rededge" in f["id"]})
+    assert sum(r.bands for r in by_name.values() if r.payload == "rededge") == 5
+    assert len([r for r in by_name.values() if r.payload == "rededge"]) <= spread
 
 
 def test_text_is_cleaned() -> None:
