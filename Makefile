@@ -1,5 +1,5 @@
 # Two commands do it all: `make demo` runs the main job, `make test` passes the tests. Both set up what they need.
-.PHONY: help setup demo test test-all lint webodm clean
+.PHONY: help setup demo test test-all lint types matrix bench webodm clean
 PY = .venv/bin/python
 DEMO = demo
 
@@ -7,6 +7,8 @@ help:
 	@echo "make demo      render a mixed survey and run the main job on it"
 	@echo "make test      lint, types and tests (also under Python 3.9 where there is one)"
 	@echo "make test-all  the same with the long stories"
+	@echo "make matrix    the tests under every Python from 3.9 to 3.13 that is here (QUICK=1: the gate and the main job)"
+	@echo "make bench     one table: gate, harmonize, align, submit beside the alternatives (FULL=1: all sizes)"
 	@echo "make webodm    write dist/sensorgate.zip, the plugin for WebODM"
 	@echo "make setup     only the set-up (.venv)"
 
@@ -24,6 +26,9 @@ demo: setup
 lint:
 	@$(PY) -m ruff check .
 	@$(PY) -m ruff format --check .
+	@$(MAKE) -s types
+
+types:
 	@mkdir -p build/typing && ln -sfn ../.. build/typing/sensorgate
 	@MYPYPATH=build/typing $(PY) -m mypy --explicit-package-bases -p sensorgate.stages
 
@@ -38,6 +43,12 @@ test: setup lint
 test-all: setup lint
 	@$(PY) -m pytest
 	@.ci/test39
+
+matrix: setup
+	@$(PY) .ci/matrix $(if $(QUICK),--quick)
+
+bench: setup
+	@$(PY) benchmarks/run_all.py $(if $(FULL),--full)
 
 clean:
 	rm -rf build dist demo *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
