@@ -23,6 +23,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import List, Optional, Tuple
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -37,6 +38,7 @@ from benchmarks.gate_reading import made_up
 from tests.frames import strip, survey_of
 
 HEAD_BYTES = 65536
+VERDICT = "sensorgate: to the verdict"
 TIME = re.compile(rb"[12]\d{3}:\d\d:\d\d \d\d:\d\d:\d\d")
 
 
@@ -103,7 +105,12 @@ def repeated(source: Path, target: Path, count: int):
     return sorted(target.iterdir())
 
 
-def read_table(source: Path, scratch: Path, count: int) -> None:
+def reading(source: Optional[Path], scratch: Path, count: int) -> List[Tuple[str, float, float]]:
+    """Reader, CPU and wall seconds for ``count`` files; ours to the verdict is named ``VERDICT``."""
+    if source is None:
+        source = scratch / "source"
+        source.mkdir()
+        made_up(source)
     folder = scratch / "many"
     folder.mkdir()
     files = repeated(source, folder, count)
@@ -115,7 +122,7 @@ def read_table(source: Path, scratch: Path, count: int) -> None:
     rows = [
         ("open and read 64 KB", lambda: floor(files), 3),
         ("sensorgate: read only", lambda: [read_frame(f) for f in files], 3),
-        ("sensorgate: to the verdict", sensorgate, 3),
+        (VERDICT, sensorgate, 3),
         ("sensorgate: gate, whole report", lambda: gate([str(folder)]), 1),
     ]
     try:
@@ -127,11 +134,15 @@ def read_table(source: Path, scratch: Path, count: int) -> None:
     if shutil.which("exiftool"):
         rows.append(("exiftool, one batch", lambda: with_exiftool(folder), 1))
     floor(files)
-    results = [(name, *measured(work, rounds)) for name, work, rounds in rows]
-    ours = next(cpu for name, cpu, _ in results if name.endswith("verdict"))
-    print(f"{len(files)} files\n{'':34}{'CPU ms/frame':>14}{'wall ms/frame':>15}{'x sensorgate':>14}")
+    return [(name, *measured(work, rounds)) for name, work, rounds in rows]
+
+
+def read_table(source: Optional[Path], scratch: Path, count: int) -> None:
+    results = reading(source, scratch, count)
+    ours = next(cpu for name, cpu, _ in results if name == VERDICT)
+    print(f"{count} files\n{'':34}{'CPU ms/frame':>14}{'wall ms/frame':>15}{'x sensorgate':>14}")
     for name, cpu, wall in results:
-        print(f"{name:34}{1000 * cpu / len(files):14.3f}{1000 * wall / len(files):15.3f}{cpu / ours:14.2f}")
+        print(f"{name:34}{1000 * cpu / count:14.3f}{1000 * wall / count:15.3f}{cpu / ours:14.2f}")
 
 
 def synthetic(count: int) -> None:
@@ -162,13 +173,7 @@ def main() -> None:
         synthetic(asked.row)
         return
     with tempfile.TemporaryDirectory() as place:
-        scratch = Path(place)
-        source = asked.folder
-        if source is None:
-            source = scratch / "source"
-            source.mkdir()
-            made_up(source)
-        read_table(source, scratch, asked.files)
+        read_table(asked.folder, Path(place), asked.files)
     print(f"\n{'frames':>10}{'CPU ms/frame':>14}{'CPU s':>12}{'frames in MB':>14}{'peak MB':>12}")
     for count in (asked.synthetic // 10, asked.synthetic):
         sys.stdout.flush()

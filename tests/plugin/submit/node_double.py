@@ -13,6 +13,7 @@ import zipfile
 from collections import Counter
 from http.server import ThreadingHTTPServer
 from typing import Any, Callable, Dict, List, Optional, Tuple
+from uuid import uuid4
 
 from sensorgate.plugin.odm.options import odm_3_6_options
 
@@ -112,6 +113,7 @@ class NodeDouble:
 
     def init(self, uuid: str, fields: Dict[str, Any]) -> Dict[str, Any]:
         with self.lock:
+            uuid = uuid or str(uuid4())
             if not UUID.match(uuid) or uuid in self.tasks:
                 return {"error": f"Invalid set-uuid: {uuid}"}
             try:
