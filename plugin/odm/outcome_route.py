@@ -55,6 +55,10 @@ def route_of(
             if mine:
                 reasons = tuple(f"{p.payload}: {r}" for p in mine for r in p.reasons[:2])
                 return route, _ended(state, log) + reasons
+        if state == FINISHED and report is not None and report.components > report.areas:
+            where = f"{report.areas} places" if report.areas > 1 else "one place"
+            said = f"ODM made {report.components} separate pieces of {where}; only their GPS lays them together"
+            return UNPROVEN, (said, *(f"{p.payload}: {r}" for p in payloads for r in p.reasons))
         if state == FINISHED:
             return PROCEED, tuple(f"{p.payload}: {r}" for p in payloads for r in p.reasons)
         if state == FAILED and log.console.cause is None:

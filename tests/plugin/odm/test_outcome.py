@@ -115,6 +115,15 @@ def test_a_payload_that_falls_apart_by_itself_has_nobody_to_be_parted_from(make:
     assert not any("pairwise" in a or "holds by itself" in a for a in found.advice)
 
 
+def test_a_small_piece_beside_a_good_model_is_unproven(make: Make) -> None:
+    block = fly_block((phantom4pro(),))
+    for frame in block.frames[:4]:
+        frame.component = 1
+    found = read_outcome(make(block))
+    assert routes(found) == {P4P: ("pass", "proceed")} and found.components == (11, 4)
+    assert (found.route, found.exit_code) == ("unproven", 1) and "2 separate pieces of one place" in found.reasons[0]
+
+
 def test_frames_that_odm_lost_are_found_by_counting(make: Make) -> None:
     block = fly_block()
     lost = block.of("p4")[:9]
