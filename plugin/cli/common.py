@@ -6,6 +6,8 @@ import argparse
 import json
 import logging
 import math
+import os
+import shutil
 import sys
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set, Tuple, Union
@@ -20,6 +22,7 @@ from ..report.view import clean_text
 
 LOG = logging.getLogger("sensorgate")
 _MAX_SETTINGS_BYTES = 1 << 20
+STORY_WIDTH = 100
 
 
 def add_input(parser: argparse.ArgumentParser) -> None:
@@ -156,6 +159,17 @@ def show(lines: List[str], args: argparse.Namespace) -> None:
         text = "\n".join(lines) + "\n"
         encoding = sys.stdout.encoding or "utf-8"
         sys.stdout.write(text.encode(encoding, "replace").decode(encoding))
+
+
+def screen() -> Dict[str, Any]:
+    """Width and colour of the story on standard output: 100 columns or the terminal's fewer.
+
+    Colour only where a terminal shows it and nobody asked for none (no-color.org).
+    """
+    if not sys.stdout.isatty():
+        return {"width": STORY_WIDTH, "colour": False}
+    plain = bool(os.environ.get("NO_COLOR")) or os.environ.get("TERM") == "dumb"
+    return {"width": min(STORY_WIDTH, shutil.get_terminal_size((STORY_WIDTH, 24)).columns), "colour": not plain}
 
 
 class Bars:

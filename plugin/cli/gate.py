@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
 from ...stages.finding import ERROR
@@ -18,6 +17,7 @@ from .common import (
     ground_from,
     gsd_target_from,
     progress_bars,
+    screen,
     show,
     thresholds_from,
 )
@@ -68,5 +68,5 @@ def call(args: argparse.Namespace) -> int:
         failed = [f for f in result.report["findings"] if f["severity"] == ERROR]
         show([f"FAILED {f['code']}: {f['message']}" for f in failed] or ["OK consistent"], args)
     else:
-        show(lines(result.report, width=100, colour=sys.stdout.isatty()), args)
+        show(lines(result.report, **screen()), args)
     return EXIT[result.report["verdict"]]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any, List, Sequence
 
@@ -12,7 +11,17 @@ from .. import pipeline
 from ..plan_file import read_plan
 from ..replay import settings_of, told
 from ..report.terminal import lines
-from .common import add_input, add_output, emit_json, ground_from, gsd_target_from, progress_bars, show, thresholds_from
+from .common import (
+    add_input,
+    add_output,
+    emit_json,
+    ground_from,
+    gsd_target_from,
+    progress_bars,
+    screen,
+    show,
+    thresholds_from,
+)
 
 
 def register(verbs: Any) -> None:
@@ -85,7 +94,7 @@ def call(args: argparse.Namespace) -> int:
     finally:
         bars.close()
     emit_json(args.json, result.report)
-    show(lines(result.report, width=100, colour=sys.stdout.isatty(), out=args.out), args)
+    show(lines(result.report, **screen(), out=args.out), args)
     if plan is not None:
         show(["", *told(result.report["replay"])], args)
     if args.json != "-":

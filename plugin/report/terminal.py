@@ -1,4 +1,4 @@
-"""The report as about 25 lines of plain text for a terminal."""
+"""The report as at most 25 lines of plain text for a terminal."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 from . import story
 from .view import SHORT_SOURCES, PayloadRow, View, figure, plural
 
-MOST_FINDINGS = 8
-MOST_PAYLOADS = 12
-MOST_PROJECTS = 8
-MOST_GAINS = 4
+# With the line that names the report's file, 25 lines.
+MOST_LINES = 23
+# What each part gets before any part gets more: payloads, resampling, findings, projects.
+LEAST_ROWS = (4, 1, 4, 4)
 LEAST_WIDTH = 40
 INDENT = 8
 SPECTRA = {"rgb": "rgb", "multispectral": "multi", "thermal": "thermal"}
@@ -21,6 +21,7 @@ ROUTE_PAINT = {"proceed": "good", "pairwise": "info", "isolate": "warning", "unp
 VERDICT_PAINT = {"consistent": "good", "inconsistent": "warning", "blocked": "error"}
 
 # Heading, right-aligned, narrowest width before the column is dropped, cell. Dropped from the end of DROPPED first.
+Paint = Callable[[str, str], str]
 Column = Tuple[str, bool, int, Callable[[PayloadRow], str]]
 COLUMNS: Tuple[Column, ...] = (
     ("payload", False, 10, lambda r: r.id),
@@ -31,9 +32,8 @@ COLUMNS: Tuple[Column, ...] = (
     ("GSD cm", True, 9, lambda r: gsd_cell(r)),
     ("height", True, 6, lambda r: figure(r.height_m, 0, "m")),
     ("project", False, 8, lambda r: "+".join(r.projects) or "none"),
-    ("route", False, 8, lambda r: "+".join(dict.fromkeys(r.routes)) or "-"),
 )
-DROPPED = ("height", "spectrum", "route", "camera", "GSD cm", "focal mm", "project")
+DROPPED = ("height", "spectrum", "camera", "GSD cm", "focal mm", "project")
 
 
 def lines(report: Mapping[str, Any], width: int = 100, colour: bool = False, out: str = "DIR") -> List[str]:
@@ -48,19 +48,40 @@ def lines(report: Mapping[str, Any], width: int = 100, colour: bool = False, out
     headline, detail = story.verdict(view)
     told = [paint(part, VERDICT_PAINT[view.report["verdict"]]) for part in _wrapped(headline, width)]
     told.extend(_wrapped(detail, width))
-    parts = (
-        _table(view, width, paint),
-        _gains(view, width, paint),
-        _findings(view, width, paint),
-        _projects(view, width, paint),
-    )
-    for part in parts:
+    following = _next(view, out)
+    ending = ["", *_wrapped(f"Next: {following}", width)] if following else []
+    sections = (_table, _gains, _findings, _projects)
+    # The longest that each part would be, its heading aside.
+    wishes = [len(section(view, width, paint, MOST_LINES)) for section in sections]
+    around = [2 if wish else 0 for wish in wishes]  # an empty line and a heading; findings have none
+    around[2] = min(1, around[2])
+    free = MOST_LINES - len(told) - len(ending) - sum(around)
+    wishes = [wish + 1 - margin if wish else 0 for wish, margin in zip(wishes, around)]
+    for section, rows in zip(sections, _shared(free, wishes)):
+        part = section(view, width, paint, rows)
         if part:
             told.extend(["", *part])
-    following = _next(view, out)
-    if following:
-        told.extend(["", *_wrapped(f"Next: {following}", width)])
-    return told
+    return told + ending
+
+
+def _shared(free: int, wishes: Sequence[int]) -> List[int]:
+    """Lines for each part: the least first, then one by one until nothing is free or wished for."""
+    rows = [min(wish, least) for wish, least in zip(wishes, LEAST_ROWS)]
+    free -= sum(rows)
+    while free > 0 and any(wish > row for wish, row in zip(wishes, rows)):
+        for index in (3, 0, 2, 1):
+            if free > 0 and wishes[index] > rows[index]:
+                rows[index] += 1
+                free -= 1
+    return rows
+
+
+def _capped(items: Sequence[str], rows: int, what: str) -> List[str]:
+    """At most ``rows`` lines; the last one counts what is not shown."""
+    if len(items) <= rows:
+        return list(items)
+    left = len(items) - max(0, rows - 1)
+    return [*items[: max(0, rows - 1)], f"and {plural(left, f'more {what}')} in the report"]
 
 
 def columns_of(text: str) -> int:
@@ -86,7 +107,7 @@ def gsd_cell(row: PayloadRow) -> str:
     return figure(before, 2)
 
 
-def _painter(colour: bool) -> Callable[[str, str], str]:
+def _painter(colour: bool) -> Paint:
     return lambda text, name: f"\x1b[{PAINT[name]}m{text}\x1b[0m" if colour and text else text
 
 
@@ -111,15 +132,14 @@ def _wrapped(text: str, width: int) -> List[str]:
     return [_cut(part, width) for part in textwrap.wrap(text, width, break_on_hyphens=False)]
 
 
-def _table(view: View, width: int, paint: Callable[[str, str], str]) -> List[str]:
-    rows = view.payload_rows()
-    if not rows:
+def _table(view: View, width: int, paint: Paint, most: int) -> List[str]:
+    shown = view.payload_rows()
+    if not shown:
         return []
-    shown = rows[:MOST_PAYLOADS]
     cells: Dict[str, List[str]] = {head: [cell(r) for r in shown] for head, _, _, cell in COLUMNS}
     sizes = {h: max(columns_of(h), *(columns_of(c) for c in cells[h])) for h in cells}
     least = {head: min(sizes[head], least) for head, _, least, _ in COLUMNS}
-    kept = [c for c in COLUMNS if view.report["subprojects"] or c[0] not in ("project", "route")]
+    kept = [c for c in COLUMNS if view.report["subprojects"] or c[0] != "project"]
     for head in DROPPED:
         if sum(least[c[0]] for c in kept) + 2 * (len(kept) - 1) <= width:
             break
@@ -130,21 +150,17 @@ def _table(view: View, width: int, paint: Callable[[str, str], str]) -> List[str
         if widest is None:
             break
         sizes[widest] -= 1
-    told = [paint("  ".join(_pad(h, sizes[h], right) for h, right, _, _ in kept).rstrip(), "bold")]
-    for index, row in enumerate(shown):
+    heading = paint("  ".join(_pad(h, sizes[h], right) for h, right, _, _ in kept).rstrip(), "bold")
+    told = []
+    for index in range(len(shown)):
         parts = []
         for head, right, _, _ in kept:
-            text = _pad(_cut(cells[head][index], sizes[head]), sizes[head], right)
-            if head == "route" and row.routes:
-                text = paint(text.rstrip(), ROUTE_PAINT[row.routes[0]])
-            parts.append(text)
+            parts.append(_pad(_cut(cells[head][index], sizes[head]), sizes[head], right))
         told.append("  ".join(parts).rstrip())
-    if len(rows) > len(shown):
-        told.append(f"and {plural(len(rows) - len(shown), 'more payload')}")
-    return told
+    return [heading, *_capped(told, most, "payload")]
 
 
-def _gains(view: View, width: int, paint: Callable[[str, str], str]) -> List[str]:
+def _gains(view: View, width: int, paint: Paint, most: int) -> List[str]:
     """What resampling brings and costs, coarsest flights first; nothing once it was done."""
     if view.written:
         return []
@@ -152,42 +168,41 @@ def _gains(view: View, width: int, paint: Callable[[str, str], str]) -> List[str
         (a for a in view.report["actions"] if story.gain_words(a)),
         key=lambda a: (-a["gain"]["ratio"], a["profile"], a["flight"]),
     )
-    told = []
-    for action in actions[:MOST_GAINS]:
-        body = _wrapped(f"{action['flight']}: {story.gain_words(action)}", width - 4)
-        told.extend([f"  {body[0]}", *(f"    {part}" for part in body[1:])])
-    if len(actions) > MOST_GAINS:
-        told.append(f"  and {plural(len(actions) - MOST_GAINS, 'more flight')} in the report")
-    return [paint("Resampling", "bold"), *told] if told else []
+    told = [_cut(f"  {a['flight']}: {story.gain_words(a)}", width) for a in actions]
+    return [paint("Resampling", "bold"), *_capped(told, most, "flight")] if told else []
 
 
-def _findings(view: View, width: int, paint: Callable[[str, str], str]) -> List[str]:
+def _findings(view: View, width: int, paint: Paint, most: int) -> List[str]:
+    """One line each, worst first; two where there is room."""
     groups = view.finding_groups()
-    told = []
-    for group in groups[:MOST_FINDINGS]:
+    bodies = []
+    for group in groups:
         times = f" (x{group.count:,})" if group.count > 1 else ""
-        body = _wrapped(f"{group.code}{times}: {group.message}", width - INDENT)
-        if len(body) > 2:
-            body = [body[0], _cut(body[1] + " …", width - INDENT)]
+        bodies.append(_wrapped(f"{group.code}{times}: {group.message}", width - INDENT))
+    shown = len(groups) if len(groups) <= most else max(0, most - 1)
+    room = most - shown - (1 if shown < len(groups) else 0)
+    told = []
+    for group, body in zip(groups[:shown], bodies):
+        full = min(len(body), 2 if room > 0 else 1)
+        room -= full - 1
+        if full < len(body):
+            body = [*body[: full - 1], _cut(f"{body[full - 1]} …", width - INDENT)]
         told.append(paint(group.severity, group.severity) + " " * (INDENT - len(group.severity)) + body[0])
         told.extend(" " * INDENT + part for part in body[1:])
-    if len(groups) > MOST_FINDINGS:
-        rest = groups[MOST_FINDINGS:]
-        told.append(" " * INDENT + f"and {plural(len(rest), 'more kind')} in the report")
+    if shown < len(groups):
+        told.append(" " * INDENT + f"and {plural(len(groups) - shown, 'more kind')} in the report")
     return told
 
 
-def _projects(view: View, width: int, paint: Callable[[str, str], str]) -> List[str]:
-    projects = view.report["subprojects"]
+def _projects(view: View, width: int, paint: Paint, most: int) -> List[str]:
     told = []
-    for project in projects[:MOST_PROJECTS]:
+    for project in view.report["subprojects"]:
         where = f"projects/{project['name']}" if view.written else project["name"]
-        text = f"{where}: {plural(len(project['frames']), 'frame')}, {project['route']}{_figures(project)}"
-        told.append(_cut(text, width))
-    if len(projects) > MOST_PROJECTS:
-        told.append(f"and {plural(len(projects) - MOST_PROJECTS, 'more project')}")
+        text = f"  {where}: {plural(len(project['frames']), 'frame')}, {project['route']}{_figures(project)}"
+        route = paint(project["route"], ROUTE_PAINT[project["route"]])
+        told.append(_cut(text, width).replace(f" {project['route']}", f" {route}", 1))
     head = "Written" if view.written else "Proposed"
-    return [paint(head, "bold"), *(_cut(f"  {t}", width) for t in told)] if told else []
+    return [paint(head, "bold"), *_capped(told, most, "project")] if told else []
 
 
 def _figures(project: Mapping[str, Any]) -> str:
@@ -214,4 +229,4 @@ def _next(view: View, out: str) -> str:
         s["name"] for s in report["subprojects"]
     ]
     script = story.quoted(f"{out}/projects/{ready[0]}/sensorgate/odm.sh")
-    return f"sensorgate submit {story.quoted(out)} --node URL sends the projects to a node; {script} runs one in docker"
+    return f"sensorgate submit {story.quoted(out)} --node URL, or {script}"

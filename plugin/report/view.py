@@ -135,7 +135,6 @@ class PayloadRow:
     thermal_reading: str
     profiles: Tuple[str, ...]
     projects: Tuple[str, ...]
-    routes: Tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -253,7 +252,6 @@ class View:
             thermal_reading=lead["thermal_reading"] if lead else "",
             profiles=tuple(payload["profiles"]),
             projects=tuple(s["name"] for s in projects),
-            routes=tuple(s["route"] for s in projects),
         )
 
     def finding_groups(self) -> List[FindingGroup]:

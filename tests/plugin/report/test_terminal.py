@@ -8,6 +8,7 @@ from typing import Any, Dict
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sensorgate.plugin.cli.common import screen
 from sensorgate.plugin.report.terminal import columns_of, lines
 
 from tests.plugin.report.sample import empty, sample
@@ -26,13 +27,32 @@ def test_fits_the_width(width: int) -> None:
 def test_tells_the_story() -> None:
     told = lines(sample(), out="out dir")
     text = "\n".join(told)
-    assert len(told) <= 35
     for name in ("phantom-4-pro", "mavic-2-pro", "rededge", "xt2-thermal", "projects/rgb-phantom-3", "unproven"):
         assert name in text
     assert "8.80 sheet" in text and "3.25>2.12" in text
     said = " ".join(line.strip() for line in told[-3:])
     assert "Next: sensorgate submit 'out dir' --node URL" in said and "'out dir/projects/" in said
-    assert text.index("mixed-spectra") < text.index("focal-variance") < text.index("not-temperature")
+    assert text.index("mixed-spectra") < text.index("truncated-file") < text.index("focal-variance")
+
+
+def crowded(per_flight: int = 8) -> Dict[str, Any]:
+    """More of everything than 25 lines hold."""
+    report = sample(per_flight)
+    finding, project, payload = report["findings"][0], report["subprojects"][0], report["payloads"][0]
+    report["findings"] += [{**finding, "code": f"code-{i}", "message": "word " * 60} for i in range(30)]
+    report["subprojects"] += [{**project, "name": f"more-{i}"} for i in range(12)]
+    report["payloads"] += [{**payload, "id": f"more-{i}"} for i in range(20)]
+    return report
+
+
+@pytest.mark.parametrize("width", [80, 100])
+def test_the_story_has_25_lines(width: int) -> None:
+    for report in (sample(), crowded(), empty()):
+        # run prints an empty line and the report's file below it.
+        assert len(lines(report, width=width)) + 2 <= 25
+    told = "\n".join(lines(crowded(), width=width))
+    for counted in ("more payloads in the report", "more kinds in the report", "more projects in the report"):
+        assert counted in told
 
 
 def test_colour_adds_nothing_but_colour() -> None:
@@ -49,8 +69,10 @@ def test_caps_findings_and_counts_the_rest() -> None:
     report = sample(20)
     one = report["findings"][0]
     report["findings"] = [{**one, "code": f"code-{i}"} for i in range(30)]
-    text = "\n".join(lines(report))
-    assert "and 22 more kinds in the report" in text and "code-15" in text and "code-16" not in text
+    told = lines(report)
+    shown = [line for line in told if line.startswith("error")]
+    assert len(shown) >= 3
+    assert f"and {30 - len(shown)} more kinds in the report" in "\n".join(told)
 
 
 def test_no_frames() -> None:
@@ -101,8 +123,21 @@ def test_a_gate_tells_what_resampling_brings_within_the_width(width: int) -> Non
         action["gain"] = {"ratio": ratio, "trigger": 0.05, "chosen": True, "native": side, "resampled": side}
     told = lines(report, width=width)
     assert max(columns_of(line) for line in told) <= width
-    text = " ".join(" ".join(told).split())
-    assert "Resampling" in told and "expected matches 50 %" in text
-    shown = min(4, len(report["actions"]))
-    assert text.count("coarser than the finest") == shown
-    assert "Resampling" not in lines(sample(), width=width)
+    assert "Resampling" in told and "Resampling" not in lines(sample(), width=width)
+    at = told.index("Resampling")
+    assert "coarser" in told[at + 1] or "flights in the report" in told[at + 1]
+    if width == 100:
+        assert told[at + 1].startswith("  ") and "2.50 × coarser" in told[at + 1]  # the coarsest comes first
+
+
+def test_colour_and_width_follow_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "72")
+    monkeypatch.setattr("sys.stdout.isatty", lambda: False, raising=False)
+    assert screen() == {"width": 100, "colour": False}
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    assert screen() == {"width": 72, "colour": True}
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert screen() == {"width": 100, "colour": False}
