@@ -118,13 +118,14 @@ def _place(plan: Plan, name: str, given: Optional[str], folders: Sequence[Path])
     file, digest = entry["name"], entry["sha256"]
     if file in ("", ".", "..") or len(file) > 255 or re.search(r"[/\\\0:]", file) or not _DIGEST.match(digest):
         raise UsageError(f"--plan: {clean_text(file)[:60]!r} is no file name, or its digest is none.")
-    for folder in (plan.folder, *folders):
+    # An elevation model opens in GDAL, which follows what it names: only the person at the machine says which.
+    for folder in (plan.folder, *folders) if name != "dem" else ():
         found = folder / file
-        if found.is_file() and (name == "dem" or _same(found, digest)):
+        if found.is_file() and _same(found, digest):
             return str(found)
+    sought = "" if name == "dem" else ", and no such file with the same content lies beside the plan or the imagery"
     raise UsageError(
-        f"The plan used {clean_text(file)} ({argument(name)}), and no such file with the same content lies beside "
-        f"the plan or the imagery. Give it with {argument(name)} FILE."
+        f"The plan used {clean_text(file)} ({argument(name)}){sought}. Give it with {argument(name)} FILE."
     )
 
 
