@@ -18,7 +18,7 @@ from .align.model import AlignFrame, GcpMark
 from .errors import UsageError
 from .geo import hull_area_m2, local_metres
 from .srs import Srs, parse_srs, to_lonlat
-from .thresholds import DEFAULTS
+from .thresholds import DEFAULTS, Thresholds
 
 _COLUMNS = 6
 CHECK_NAME = "check"
@@ -129,14 +129,49 @@ def parse_gcp(text: str) -> GcpText:
     return GcpText(srs, tuple(lines), tuple(bad))
 
 
+@dataclass(frozen=True)
+class ToldTwice:
+    """Marks of one point on one image that stand there more than once, by the lines' numbers.
+
+    ``repeated`` say what an earlier line said; of ``contradicting`` ones (each
+    group is all lines of one point on one image) nobody knows which is right.
+    """
+
+    repeated: Tuple[int, ...] = ()
+    contradicting: Tuple[Tuple[int, ...], ...] = ()
+
+    @property
+    def unusable(self) -> FrozenSet[int]:
+        """Lines that must be left out."""
+        return frozenset(self.repeated).union(*self.contradicting)
+
+
+def told_twice(marks: Sequence[Tuple[GcpLine, str]], limits: Thresholds = DEFAULTS) -> ToldTwice:
+    """Find marks of one point that stand on one image (its path) twice; OpenSfM would take each for a sighting."""
+    groups: Dict[Tuple[Point, str], List[GcpLine]] = defaultdict(list)
+    for line, path in marks:
+        groups[line.point, path].append(line)
+    repeated: List[int] = []
+    contradicting: List[Tuple[int, ...]] = []
+    for lines in groups.values():
+        first = lines[0]
+        apart = [math.hypot(float(g.px) - float(first.px), float(g.py) - float(first.py)) for g in lines[1:]]
+        if any(gap > limits.gcp_same_mark_px for gap in apart):
+            contradicting.append(tuple(g.number for g in lines))
+        else:
+            repeated += [g.number for g in lines[1:]]
+    return ToldTwice(tuple(sorted(repeated)), tuple(sorted(contradicting)))
+
+
 def marks_from_file(
     file: Union[str, Path], frames: Sequence[AlignFrame], check_points: Optional[str] = None
 ) -> Tuple[GcpMark, ...]:
     """The marks of a list that stand on ``frames``, whose pixels they must count.
 
     A frame is found by its file name, in another case too where only one has
-    it. Lines of other frames are left out. Raises ``UsageError`` where the
-    file cannot be read.
+    it. Lines of other frames are left out, and so is a mark that stands there
+    twice or contradicts another. Raises ``UsageError`` where the file cannot
+    be read.
     """
     text = parse_gcp(read_text(Path(file)))
     exact: Dict[str, List[AlignFrame]] = defaultdict(list)
@@ -157,7 +192,10 @@ def marks_from_file(
         fits = exact.get(image) or folded.get(image.lower()) or []
         if len(fits) == 1 and math.isfinite(line.point[2]):
             found.append((line, fits[0]))
-            images[line.point].add(fits[0].path)
+    left_out = told_twice([(line, frame.path) for line, frame in found]).unusable
+    found = [(line, frame) for line, frame in found if line.number not in left_out]
+    for line, frame in found:
+        images[line.point].add(frame.path)
     checks = choose_check_points(names, where, {p: len(images[p]) for p in points}, check_points)
     return tuple(
         GcpMark(

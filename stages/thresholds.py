@@ -135,6 +135,20 @@ class Thresholds:
         "spread of an elevation model's heights: 3 m of the public 30 m models, some decimetres of a laser scan",
     )
     dem_sigma_floor_m: float = _number(0.3, "m", "no elevation model is believed below this: plants, ploughing")
+    dem_error_cells: float = _number(
+        10.0, "cells", "an elevation model's neighbouring cells err together: smoothing, one wood, one slope"
+    )
+    dem_error_height: float = _number(
+        0.5,
+        "ratio of height",
+        "a free network's own bends are about half a footprint long: nearer heights err together",
+    )
+    dem_min_patches: int = _number(
+        6, "patches", "ground in fewer patches that err apart shows an elevation model's errors by chance only"
+    )
+    dem_grid_nodes: int = _number(
+        128, "nodes a side", "of the elevation model are read around a block: a finer grid shows nothing more of relief"
+    )
     dem_block_mb: int = _number(256, "MB", "an elevation model stored in larger pieces would have to be read whole")
     ground_min_m: float = _number(-600.0, "m", "no land lies lower, on any datum: such a height is a void")
     ground_max_m: float = _number(9000.0, "m", "no land lies higher: such a height is a void")
@@ -281,6 +295,14 @@ class Thresholds:
     )
     gps_sigma_horizontal_m: float = _number(3.0, "m", "plain GPS, horizontal")
     gps_sigma_vertical_m: float = _number(5.0, "m", "plain GPS, vertical")
+    gps_drift_m: float = _number(
+        1.0,
+        "m",
+        "plain GPS drifts by so much over a flight: the plan's scale is known no better than that over its size",
+    )
+    takeoff_level_m: float = _number(
+        0.5, "m", "a frame from the take-off stands this near to what its own relative altitude says above the ground"
+    )
     gps_sigma_factor: float = _number(2.0, "sigma", "residual of the fit up to which a payload passes")
     network_sigma_horizontal_px: float = _number(
         3.0, "px of the solved size", "centres of a free network drift by so much ground: RTK cannot be held tighter"
@@ -372,6 +394,9 @@ class Thresholds:
     )
     gcp_min_points: int = _number(5, "points", "fewer cannot replace the GPS that ODM then switches off")
     gcp_min_images: int = _number(3, "images", "a point in fewer images is not fixed in height")
+    gcp_same_mark_px: float = _number(
+        1.0, "px", "two marks of a point on one image this close say the same; nobody clicks more exactly"
+    )
     gcp_hull_share: float = _number(0.30, "ratio of block area", "points over a smaller part let the rest tilt")
     gcp_min_points_without_gps: int = _number(3, "points", "a similarity needs three where there is no GPS to lose")
     accuracy_ratio: float = _number(2.0, "ratio", "position spreads farther apart than this must not be weighted alike")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
-from typing import Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ...stages.finding import ERROR, WARNING, Finding, sort_key
-from ...stages.gcp import GcpLine
+from ...stages.gcp import GcpLine, ToldTwice, told_twice
 from ...stages.geo import distance_m
 from ...stages.srs import LONLAT, UTM, Srs, to_lonlat
 from ...stages.thresholds import DEFAULTS, Thresholds
@@ -15,6 +15,7 @@ from .gcp import GcpFile, GcpFrame, PlacedMark, as_odm_prints
 
 _Point = Tuple[float, float, float]
 _Place = Tuple[float, float]
+_SHOWN = 6
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def place(gcp: GcpFile, frames: Sequence[GcpFrame], thresholds: Thresholds = DEF
     A name in another case is taken (the rewritten list has the right one); a
     name that several payloads share is taken where only one of the frames
     stands near the point. Lines that name no frame, stand outside of their
-    frame or speak of a point far from it are left out.
+    frame, speak of a point far from it or contradict each other are left out.
     """
     by_name: Dict[str, List[GcpFrame]] = defaultdict(list)
     by_folded: Dict[str, List[GcpFrame]] = defaultdict(list)
@@ -82,10 +83,47 @@ def place(gcp: GcpFile, frames: Sequence[GcpFrame], thresholds: Thresholds = DEF
         findings.append(_spelled(renamed))
     far = [p for p in points if positions[p] and _gap(places[p], positions[p]) > thresholds.gcp_far_m]
     findings += _far_findings(gcp, far, places, positions, thresholds)
+    twice = told_twice([(m.line, m.path) for m in marks], thresholds)
+    findings += _twice_findings({m.line.number: m for m in marks}, twice)
     gone = set(far)
-    return PlacedGcps(
-        gcp.srs, tuple(m for m in marks if m.line.point not in gone), tuple(sorted(findings, key=sort_key))
-    )
+    kept = tuple(m for m in marks if m.line.point not in gone and m.line.number not in twice.unusable)
+    return PlacedGcps(gcp.srs, kept, tuple(sorted(findings, key=sort_key)))
+
+
+def _twice_findings(marks: Mapping[int, PlacedMark], twice: ToldTwice) -> List[Finding]:
+    findings: List[Finding] = []
+    for numbers in twice.contradicting:
+        first = marks[numbers[0]]
+        pixels = ", ".join(f"{marks[n].line.px} {marks[n].line.py}" for n in numbers[:4])
+        said = _some(numbers)
+        findings.append(
+            Finding(
+                code="gcp-contradicting-marks",
+                severity=ERROR,
+                subjects=(first.line.label, first.path),
+                message=f"Lines {said} of the ground control file mark {first.line.label} at different places of "
+                f"{first.path.rsplit('/', 1)[-1]} ({pixels}). None of them is used.",
+                remedy="Keep the line whose mark is right; where they are two points, give each its own coordinates.",
+            )
+        )
+    if twice.repeated:
+        findings.append(
+            Finding(
+                code="gcp-repeated-mark",
+                severity=WARNING,
+                subjects=tuple(sorted({marks[n].path for n in twice.repeated})),
+                message=f"{len(twice.repeated)} ground control lines say again what an earlier line says (lines "
+                f"{_some(twice.repeated)}). ODM would count such a mark twice; the written list has it once.",
+                remedy="Nothing to do here; delete the lines where the file is used elsewhere.",
+                measured=float(len(twice.repeated)),
+            )
+        )
+    return findings
+
+
+def _some(numbers: Sequence[int]) -> str:
+    more = f" and {len(numbers) - _SHOWN} more" if len(numbers) > _SHOWN else ""
+    return ", ".join(map(str, numbers[:_SHOWN])) + more
 
 
 def _gap(place_: _Place, positions: Sequence[_Place]) -> float:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sensorgate.stages.errors import UsageError
-from sensorgate.stages.gcp import choose_check_points, marks_from_file, parse_gcp
+from sensorgate.stages.gcp import choose_check_points, marks_from_file, parse_gcp, told_twice
 from sensorgate.stages.srs import lonlat_to_utm
 
 from tests.stages.align.scenes import ORIGIN, frames, grid
@@ -40,6 +40,22 @@ def test_marks_stand_on_the_frames_that_are_named(tmp_path):
     assert marks[0].latitude == pytest.approx(ORIGIN[0], abs=1e-7)
     assert marks[0].longitude == pytest.approx(ORIGIN[1], abs=1e-7)
     assert parse_gcp(_list(rows)).bad[0].short
+
+
+def test_marks_that_repeat_or_contradict_are_left_out(tmp_path):
+    group = frames(grid(1, 3))
+    rows = [
+        f"{E:.3f} {N:.3f} 201.5 10.5 20 000.jpg P1",
+        f"{E:.3f} {N:.3f} 201.5 10.7 20 000.jpg P1",
+        f"{E:.3f} {N:.3f} 201.5 11 21 001.jpg P1",
+        f"{E:.3f} {N:.3f} 201.5 300 21 001.jpg P1",
+        f"{E:.3f} {N:.3f} 201.5 12 22 002.jpg P1",
+    ]
+    file = tmp_path / "gcp_list.txt"
+    file.write_text(_list(rows), encoding="utf-8")
+    assert [(m.path, m.x_px) for m in marks_from_file(file, group)] == [("a/000.jpg", 10.5), ("a/002.jpg", 12.0)]
+    found = told_twice([(line, line.image) for line in parse_gcp(_list(rows)).lines])
+    assert (found.repeated, found.contradicting, found.unusable) == ((3,), ((4, 5),), {3, 4, 5})
 
 
 SPOTS = {f"p{i}": (46.0 + dy * 1e-3, 8.0 + dx * 1e-3) for i, (dx, dy) in enumerate(

@@ -175,6 +175,33 @@ def test_names_in_another_case_unknown_ones_and_pixels_outside() -> None:
     assert len(placed.marks) == 13
 
 
+def test_a_mark_that_stands_there_twice_is_written_once() -> None:
+    rows = text().splitlines()
+    near = rows[1].replace(" 100 200 ", " 100.4 199.8 ")
+    placed = place(read_gcp("\n".join([*rows, rows[4], near]) + "\n"), frames())
+    assert codes(placed) == ["gcp-repeated-mark"]
+    assert placed.findings[0].measured == 2.0 and "lines 17, 18" in placed.findings[0].message
+    assert gcp_for_project("rgb", placed, frames()).text == text().replace(" IMG_", " a_IMG_")
+
+
+def test_marks_that_contradict_each_other_are_both_left_out() -> None:
+    rows = text([*CORNERS, (40.0, 100.0)], images=4).splitlines()
+    rows.append(rows[1].replace(" 100 200 IMG_00.JPG", " 900 200 img_00.jpg"))  # the same frame, spelled otherwise
+    placed = place(read_gcp("\n".join(rows) + "\n"), frames())
+    assert codes(placed) == ["gcp-contradicting-marks", "gcp-image-case"]
+    said = placed.findings[0]
+    assert said.subjects == ("p0", "a/IMG_00.JPG") and "Lines 2, 26" in said.message and "900 200" in said.message
+    assert len(placed.marks) == 23
+    decision = gcp_for_project("rgb", placed, frames())
+    assert decision.points == 6 and decision.text is not None and "a_IMG_00.JPG p0" not in decision.text
+
+
+def test_the_same_pixel_for_two_points_is_no_contradiction() -> None:
+    rows = text().splitlines()
+    other = rows[1].replace(f"{EAST:.3f}", f"{EAST + 3:.3f}")
+    assert place(read_gcp("\n".join([*rows, other])), frames()).findings == ()
+
+
 def test_marks_on_secondary_bands_do_not_count() -> None:
     banded = [replace(f, primary=i % 2 == 0) for i, f in enumerate(frames())]
     decision = gcp_for_project("ms", place(read_gcp(text()), banded), banded)
