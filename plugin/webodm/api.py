@@ -96,6 +96,10 @@ A task
      "tasks": [{"id": "...", "project": 7, "name": "..."}],        # that came of it
      "engine": "node" | "worker" | "gate", "engine_message": "..."}
 
+``GET waiting?projects=7,8`` -> ``{"projects": {"7": [{"id", "name", "state", "message", "progress"}]}}``: the tasks
+of at most 100 projects that wait for the gate or are worked on; projects without any, and those that this user may
+not see, are left out.
+
 ``POST projects/<project>/tasks/<task>/<action>`` with an action out of
 ``actions`` (needs ``change_project``; ``override`` also the permission
 ``app.override_sensorgate_hold``) -> the new state:
@@ -126,7 +130,7 @@ from __future__ import annotations
 from . import state
 from .session_views import Claim, ControlText, Headers, NewSession, Verdict
 from .settings_views import SettingsView
-from .task_views import TaskAction, TaskState
+from .task_views import TaskAction, TaskState, Waiting
 
 ROUTES = (
     (r"sessions$", NewSession),
@@ -139,5 +143,6 @@ ROUTES = (
         r"projects/(?P<project>[0-9]+)/tasks/(?P<task>[0-9a-f-]{36})/(?P<action>" + "|".join(state.ACTIONS) + r")$",
         TaskAction,
     ),
+    (r"waiting$", Waiting),
     (r"settings$", SettingsView),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Dict, List, Optional
@@ -15,6 +16,8 @@ from .headers import is_mask, mask_of
 from .sessions import Gathered
 
 _NOWHERE = Path(os.devnull) / "not-here"
+# What a node lays the reconstruction on; no image, whatever its kind.
+ALIGN = re.compile(r"^align\.(las|laz|tif)$", re.IGNORECASE)
 _NOT_CONTROL = frozenset(("geo.txt", "image_groups.txt"))
 
 
@@ -47,7 +50,7 @@ def task_files(folder: Path) -> TaskFiles:
     names = sorted(
         e.name
         for e in os.scandir(folder)
-        if e.is_file() and not e.name.startswith(".") and e.name not in calibrating.FILES
+        if e.is_file() and not (e.name.startswith(".") or e.name in calibrating.FILES or ALIGN.match(e.name))
     )
     texts = [n for n in names if n.lower().endswith(".txt")]
     geo = next((n for n in texts if n.lower() == "geo.txt"), None)
@@ -67,7 +70,11 @@ def of_task(folder: Path, settings: Settings, progress: Optional[Progress] = Non
     broken = tuple(replace(b, path=b.path[len(prefix) :]) for b in found.broken if "/" not in b.path[len(prefix) :])
     masks: Dict[str, str] = mask_of([f.path for f in frames], [n for n in files.names if is_mask(n)])
     taken = set(masks.values())
-    seen = Scan(tuple(f for f in frames if f.path not in taken), tuple(b for b in broken if b.path not in taken), {})
+    seen = Scan(
+        tuple(f for f in frames if f.path not in taken and not ALIGN.match(f.path)),
+        tuple(b for b in broken if b.path not in taken and not ALIGN.match(b.path)),
+        {},
+    )
     return inspect_scan(
         seen,
         ("images",),

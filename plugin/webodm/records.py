@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from . import home
 
@@ -17,6 +17,7 @@ STALE_S = 180.0
 # Its claim on the task ends before, so that the next one does not find it taken.
 CLAIM_S = 120.0
 _PREFIX = "task::"
+_MOST_KEYS = 500
 
 
 def _key(task_id: Any) -> str:
@@ -62,3 +63,16 @@ def all_in(*states: str) -> List[Tuple[str, Dict[str, Any]]]:
         if isinstance(value, dict) and value.get("state") in states:
             found.append((row.key.rpartition("::")[2], value))
     return sorted(found, key=lambda item: item[0])
+
+
+def of_tasks(task_ids: Sequence[Any]) -> Dict[str, Dict[str, Any]]:
+    """Task id -> record, of those of these tasks that have one."""
+    from app.models import PluginDatum
+
+    keys = [f"{home.NAME}::{_key(i)}" for i in task_ids]
+    found = {}
+    for first in range(0, len(keys), _MOST_KEYS):
+        for row in PluginDatum.objects.filter(key__in=keys[first : first + _MOST_KEYS], user=None):
+            if isinstance(row.json_value, dict) and "state" in row.json_value:
+                found[row.key.rpartition("::")[2]] = row.json_value
+    return found

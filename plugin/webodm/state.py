@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Mapping, Optional, Sequence
 
 from . import hold, home, preferences, preparing, records, tasks, workers
 from .remedies import GATE, NODE, WORKER
 
 CHECK, OVERRIDE, SPLIT, JUDGE, PREPARE = "check", "override", "split", "judge", "prepare"
 ACTIONS = (CHECK, OVERRIDE, SPLIT, JUDGE, PREPARE)
+_MOST_TASKS = 5000
 _FAILED, _COMPLETED, _CANCELED = 30, 40, 50
 
 
@@ -33,6 +34,41 @@ def state_of(task: Any, user: Any) -> Dict[str, Any]:
         "engine": engine,
         "engine_message": said,
     }
+
+
+def waiting_in(projects: Sequence[int], user: Any) -> Dict[str, List[Dict[str, Any]]]:
+    """Project -> its tasks that wait for the gate or are worked on, of the projects that this user may see."""
+    from app.models import Task
+
+    rows = Task.objects.filter(project_id__in=projects, project__deleting=False, partial=False)
+    found = rows.select_related("project").order_by("created_at")[:_MOST_TASKS]
+    told: Dict[str, List[Dict[str, Any]]] = {}
+    known = records.of_tasks([t.pk for t in found])
+    for task in found:
+        record = known.get(str(task.pk))
+        if record is None or not _waits(record) or not user.has_perm("view_project", task.project):
+            continue
+        if records.is_stale(record):
+            _take_up(task, record)
+        told.setdefault(str(task.project_id), []).append(
+            {
+                "id": str(task.pk),
+                "name": task.name or "",
+                "state": records.WAITING if record["state"] == records.UPLOADING else record["state"],
+                "message": record.get("message") or "",
+                "progress": record.get("progress"),
+            }
+        )
+    return told
+
+
+def _waits(record: Mapping[str, Any]) -> bool:
+    """A look beside the processing keeps nobody waiting."""
+    if record["state"] in (records.HELD, records.WORKING):
+        return True
+    return record["state"] in (records.UPLOADING, records.WAITING, records.CHECKING) and (
+        bool(record.get("holds")) or ("wish" in record and not record.get("passed"))
+    )
 
 
 def _take_up(task: Any, record: Dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ from . import checking, home, judging, records, state, tasks, workers
 from .views import Conflict, bound, plainly
 
 _MOST_BODY = 65536
+_MOST_PROJECTS = 100
 
 
 class TaskView(APIView):
@@ -32,6 +33,19 @@ class TaskView(APIView):
         if not (found.public or found.project.public):
             check_project_perms(self.request, found.project)
         return found
+
+
+class Waiting(APIView):
+    """``waiting``."""
+
+    permission_classes = (permissions.IsAuthenticated,)
+
+    def get(self, request: Any) -> Response:
+        """What waits in these projects, for a dashboard that asks again and again."""
+        asked = str(request.query_params.get("projects", "")).split(",")
+        if len(asked) > _MOST_PROJECTS or not all(p.isdigit() and len(p) < 10 for p in asked):
+            raise exceptions.ValidationError({"detail": f"projects must be at most {_MOST_PROJECTS} numbers."})
+        return Response({"projects": state.waiting_in([int(p) for p in asked], request.user)})
 
 
 class TaskState(TaskView):

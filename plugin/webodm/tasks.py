@@ -8,13 +8,16 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ...stages.record import write_text
-from ...stages.rules.text import plural
+from ...stages.rules.text import listed, plural
+from ..odm.folder import EXTENSIONS, extension
 from ..odm.wire import POLICY_FOR_HARMONIZED, POLICY_OPTION
 from . import calibrating, records
-from .proposal import Proposed
+from .gathering import ALIGN, task_files
+from .proposal import GCP_FILE, GEO_FILE, Proposed
 
 _CANCELED = 50
 _COMPLETED = 40
+_TEXTS = (GCP_FILE, GEO_FILE)
 LAZ = "georeferenced_model.laz"
 ANY_NODE: Mapping[str, Any] = {"auto": True, "node": None}
 
@@ -115,6 +118,7 @@ def split(task: Any, parts: Sequence[Tuple[Path, Proposed]], anchor: Any = None)
         progress=None,
         message=f"{_came_of(parts)} {plural(len(told), 'task')}: {', '.join(str(t['name']) for t in told)}."
         + _calibrated(created)
+        + _left_behind(task)
         + (" This one is not processed; its images stay until you delete it." if task.status is None else ""),
         tasks=told,
     )
@@ -139,6 +143,15 @@ def _calibrated(created: Sequence[Any]) -> str:
         return ""
     which = "The calibration" if many == len(created) else f"For {many} of them the calibration"
     return f" {which} of the cameras is sent along."
+
+
+def _left_behind(task: Any) -> str:
+    """Files that are no photos and go into none of the parts."""
+    names = task_files(Path(task.task_path())).names
+    others = [n for n in names if extension(n) not in EXTENSIONS and n.lower() not in _TEXTS]
+    if not others:
+        return ""
+    return f" {listed(others)} stayed behind: ODM does not process that with photos that were sorted."
 
 
 def _create(model: Any, task: Any, folder: Path, part: Proposed, wish: Mapping[str, Any], anchor: Any) -> Any:
@@ -169,6 +182,9 @@ def _create(model: Any, task: Any, folder: Path, part: Proposed, wish: Mapping[s
             link(folder / name, Path(new.task_path(name)))
         if anchor is not None:
             new.set_alignment_file_from(anchor)
+        else:
+            for name in filter(ALIGN.match, task.scan_images()):
+                link(Path(task.task_path(name)), Path(new.task_path(name)))
         new.images_count = len(new.scan_images())
         new.update_size()
         node = policy_node(new, wish)

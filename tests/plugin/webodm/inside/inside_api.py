@@ -217,3 +217,26 @@ def test_pages_are_for_users_and_reports_for_who_may_see_the_task(people):
     assert b"seen" in document.content and "sandbox" in document["Content-Security-Policy"]
     for page in ("report", "document"):
         assert people["other"].client.get(f"{folder}tasks/{task.pk}/{page}").status_code == 404
+
+
+def test_what_waits_is_told_to_who_may_see_it(people):
+    import importlib
+
+    records = importlib.import_module(f"plugins.{FOLDER}.plugin.webodm.records")
+    project = people["project"]
+    for state, more in (
+        ("held", {}),
+        ("checking", {"holds": True}),
+        ("checking", {}),
+        ("released", {}),
+        ("working", {}),
+    ):
+        task = Task.objects.create(project=project, name=state, images_count=3)
+        records.keep(task.pk, {"state": state, "message": "why", **more})
+    path = f"waiting?projects={project.pk},999"
+    told = people["viewer"].get(path).json()["projects"]
+    assert [t["state"] for t in told[str(project.pk)]] == ["held", "checking", "working"] and len(told) == 1
+    assert people["other"].get(path).json() == {"projects": {}}
+    assert people["nobody"].get(path).status_code in (401, 403)
+    for wrong in ("", "x", "1," * 100 + "1", "1;2"):
+        assert people["owner"].get(f"waiting?projects={wrong}").status_code == 400

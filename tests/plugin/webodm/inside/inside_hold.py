@@ -447,3 +447,21 @@ def test_hold_is_not_switched_on_before_all_processes_have_the_plugin(project, f
     monkeypatch.setattr(presence, "installed_at", lambda: 4e9)
     assert "added while WebODM ran" in presence.restart_needed()
     assert preferences.describe(project.owner)["restart"] == ""
+
+
+def test_files_that_are_no_photos_go_along_or_are_named(project, frames):
+    mode("hold")
+    task = Task.objects.create(project=project)
+    os.makedirs(task.task_path())
+    for number, file in enumerate(frames["one"] + frames["two"]):
+        shutil.copy(file, task.task_path(f"{number:03d}_{file.name}"))
+    for name in ("align.laz", "flight.MP4", "image_groups.txt"):
+        shutil.copy(__file__, task.task_path(name))
+    task.images_count = 19
+    task.save()
+    work()
+    record = records.load(task.pk)
+    assert record["state"] == "split" and "flight.MP4, image_groups.txt stayed behind" in record["message"]
+    for told in record["tasks"]:
+        names = Task.objects.get(pk=told["id"]).scan_images()
+        assert "align.laz" in names and not {"flight.MP4", "image_groups.txt"} & set(names)

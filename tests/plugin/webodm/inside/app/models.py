@@ -70,6 +70,7 @@ class Task(models.Model):
     partial = models.BooleanField(default=False)
     compacted = models.BooleanField(default=False)
     tags = models.TextField(default="")
+    created_at = models.DateTimeField(auto_now_add=True)
 
     @property
     def console(self):
