@@ -15,7 +15,6 @@
   var MASKS = /_mask\.[a-z]+$/i;
   var TEXTS = /\.txt$/i;
   var GEO_NAME = "geo.txt";
-  var OTHER_TEXTS = ["image_groups.txt"];
 
   function Check(project, changed) {
     this.project = project;
@@ -35,7 +34,7 @@
     this.message = "";
     this.queue = [];
     this.texts = [];
-    this.others = 0;
+    this.others = [];
     this.reading = 0;
     this.batch = [];
     this.batches = [];
@@ -89,11 +88,11 @@
       this.images += 1;
       this.imageBytes += file.size;
       this.verdictFinal = false;
-    } else if (TEXTS.test(file.name) && OTHER_TEXTS.indexOf(file.name.toLowerCase()) < 0) {
+    } else if (TEXTS.test(file.name) && !sensorgate.others.passesBy(file.name)) {
       this.texts.push(id);
       this.verdictFinal = false;
     } else {
-      this.others += 1;
+      this.others.push(id);
     }
   };
 
@@ -337,7 +336,7 @@
 
   /* Masks go by their name alone: nobody looks into them. */
   function isSent(file) {
-    return IMAGES.test(file.name) || MASKS.test(file.name);
+    return (IMAGES.test(file.name) || MASKS.test(file.name)) && !sensorgate.others.passesBy(file.name);
   }
 
   function base64(data) {

@@ -22,8 +22,8 @@
     if (uploads.some(function (each) { return each.upload.running; })) window.addEventListener("beforeunload", guard);
   }
 
-  /* Run an upload and show it. `added` is called when a task was started, unless the project is being worked in. */
-  function take(upload, added, item) {
+  /* Run an upload and show it; its project's list item is refreshed when a task was started. */
+  function take(upload, item) {
     if (!root) {
       root = h("div.sg-dock", { role: "region", "aria-label": "Uploads of the camera check" });
       document.body.appendChild(root);
@@ -35,8 +35,7 @@
     upload.listeners.push(function () {
       if (upload.started().length > entry.told) {
         entry.told = upload.started().length;
-        // Telling the project resets its form: not while somebody fills that in.
-        if (added && !(item && item.querySelector(".new-task-panel, .upload-progress-bar"))) added();
+        sensorgate.refresh(upload.order.project, item);
       }
       if (!entry.timer) entry.timer = setTimeout(function () { entry.timer = null; draw(entry); }, DRAW_PAUSE_MS);
     });
@@ -59,6 +58,7 @@
     var share = total ? Math.floor(100 * sent / total) : 0;
     sensorgate.dom.redraw(entry.place, [
       h("header", null, h("strong", { role: "status" }, headline(upload, failed, share)), upload.running ? h("small", null, bytes(total - sent) + " to go") : null),
+      rows.length > 1 ? h("small", null, upload.order.name) : null,
       h("ul", null, rows.map(function (row) { return drawRow(upload, row); })),
       h("div.sg-buttons", null,
         failed && !upload.running && !upload.cancelled ? button("Try again", "btn-primary", function () { run(entry); }) : null,
@@ -75,12 +75,12 @@
   }
 
   function drawRow(upload, row) {
-    var share = row.state === "done" ? 100 : row.total ? 100 * upload.sentBytes(row) / row.total : 0;
+    var share = row.state === "done" ? 1 : row.total ? upload.sentBytes(row) / row.total : 0;
     var words = row.message || STATES[row.state] || row.count + " of " + plural(row.parts.length, "file");
     return h("li.sg-row-" + row.state, null,
-      h("span.sg-label", { title: row.label }, row.label), h("small", null, words),
-      h("div.sg-bar", { role: "progressbar", "aria-label": row.label, "aria-valuemin": "0", "aria-valuemax": "100", "aria-valuenow": String(Math.round(share)) },
-        h("div", { style: "width:" + share.toFixed(1) + "%" })));
+      h("span.sg-label", { title: row.name }, upload.rows.length > 1 ? row.task.name : row.name), h("small", null, words),
+      row.note ? h("small.sg-row-note", null, row.note) : null,
+      sensorgate.dom.bar(share, row.name));
   }
 
   function cancel(entry) {
@@ -102,5 +102,12 @@
     return h("button.btn.btn-sm." + look, { type: "button", onclick: click, "data-key": label }, label);
   }
 
-  sensorgate.dock = { take: take };
+  /* Whether this page is filling the task. */
+  function fills(task) {
+    return uploads.some(function (entry) {
+      return entry.upload.running && entry.upload.rows.some(function (row) { return row.id === task; });
+    });
+  }
+
+  sensorgate.dock = { take: take, fills: fills };
 })(window.sensorgate);

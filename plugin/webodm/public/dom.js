@@ -42,6 +42,14 @@
     if (found) found.focus();
   }
 
+  /* How far something is, 0 to 1. */
+  function bar(share, label) {
+    var percent = 100 * Math.max(0, Math.min(1, share));
+    return h("div.sg-bar", {
+      role: "progressbar", "aria-label": label, "aria-valuemin": "0", "aria-valuemax": "100", "aria-valuenow": String(Math.round(percent))
+    }, h("div", { style: "width:" + percent.toFixed(1) + "%" }));
+  }
+
   function count(number) {
     return Number(number).toLocaleString("en-US");
   }
@@ -57,5 +65,5 @@
     return (step && number < 10 ? number.toFixed(1) : Math.round(number)) + " " + units[step];
   }
 
-  sensorgate.dom = { h: h, fill: fill, redraw: redraw, count: count, plural: plural, bytes: bytes };
+  sensorgate.dom = { h: h, fill: fill, redraw: redraw, bar: bar, count: count, plural: plural, bytes: bytes };
 })(window.sensorgate);

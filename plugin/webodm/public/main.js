@@ -8,22 +8,37 @@
   var address = script ? new URL(script.src, window.location.href) : null;
   if (!address || sensorgate.base || !window.PluginsAPI || !window.PluginsAPI.Dashboard) return;
 
-  var PARTS = ["dom.js", "requests.js", "headers.js", "check.js", "upload.js", "dock.js", "verdict.js", "panel.js", "task.js"];
+  var BASE = ["dom.js", "requests.js"];
+  var PARTS = {
+    notice: BASE.concat("notice.js"),
+    panel: BASE.concat("headers.js", "others.js", "check.js", "upload.js", "dock.js", "verdict.js", "panel.js"),
+    task: BASE.concat("dock.js", "task.js")
+  };
+  var FORMS = ".new-task-panel, .import-task-panel, .import-external-panel, .upload-progress-bar";
 
   sensorgate.base = address.pathname.replace(/[^/]*$/, "");
   sensorgate.api = sensorgate.base.replace(/\/plugins\/([^/]+)\/$/, "/api/plugins/$1/");
   // What WebODM tells of a project when it draws it: {project id: called when tasks were added}.
   sensorgate.taskAdded = {};
 
-  var loading = null;
-  function load() {
-    if (!loading) {
-      loading = PARTS.reduce(function (before, part) {
-        return before.then(function () { return fetchScript(sensorgate.base + part + address.search); });
-      }, Promise.resolve());
-      loading.catch(function () { loading = null; });
-    }
-    return loading;
+  /* Have WebODM read a project's tasks anew. That closes its form: not while somebody fills that in. */
+  sensorgate.refresh = function (project, item) {
+    if (sensorgate.taskAdded[project] && !(item && item.querySelector(FORMS))) sensorgate.taskAdded[project]();
+  };
+
+  var fetched = {};
+
+  /* Fetch scripts one after the other, each of them once. */
+  function load(parts) {
+    return parts.reduce(function (before, part) {
+      return before.then(function () {
+        if (!fetched[part]) {
+          fetched[part] = fetchScript(sensorgate.base + part + address.search);
+          fetched[part].catch(function () { delete fetched[part]; });
+        }
+        return fetched[part];
+      });
+    }, Promise.resolve());
   }
 
   function fetchScript(source) {
@@ -36,8 +51,9 @@
     });
   }
 
-  /* A React component that is an empty element, filled by `mount(element, props)` -> {update(props), close()}. */
-  function component(mount) {
+  /* A React component that is an empty element, filled by `mount(element, props)` -> {update(props), close()} out of
+     `parts`; `failed` is said where these cannot be fetched. */
+  function component(parts, mount, failed) {
     return class extends window.React.Component {
       constructor(props) {
         super(props);
@@ -51,10 +67,10 @@
       }
       componentDidMount() {
         var self = this;
-        load().then(function () {
+        load(parts).then(function () {
           if (!self.closed) self.view = mount(self.element, self.props);
         }, function () {
-          self.element.textContent = "The camera check could not be loaded. Reload the page; uploading works without it.";
+          self.element.textContent = failed;
         });
       }
       componentDidUpdate() {
@@ -74,15 +90,18 @@
     };
   }
 
-  var panel = component(function (element, props) { return sensorgate.openPanel(element, props); });
-  var taskView = component(function (element, props) { return sensorgate.openTask(element, props); });
+  var MISSING = "The camera check could not be loaded. Reload the page; uploading works without it.";
+  var panel = component(PARTS.panel, function (element, props) { return sensorgate.openPanel(element, props); }, MISSING);
+  var taskView = component(PARTS.task, function (element, props) { return sensorgate.openTask(element, props); }, MISSING);
+  var notice = component(PARTS.notice, function (element, props) { return sensorgate.openNotice(element, props); }, "");
   var dashboard = window.PluginsAPI.Dashboard;
 
   dashboard.addNewTaskPanelItem(function () { return panel; });
-  // No button: the mark that tells the panel, further down in the same project, which project it is in.
+  // No button: it tells the panel, further down in the same project, which project it is in, and watches its tasks.
   dashboard.addNewTaskButton(function (args) {
     sensorgate.taskAdded[args.projectId] = args.onNewTaskAdded;
-    return window.React.createElement("span", { hidden: true, "data-sensorgate-project": args.projectId });
+    return window.React.createElement("span", { hidden: true, "data-sensorgate-project": args.projectId },
+      window.React.createElement(notice, { projectId: args.projectId }));
   });
   dashboard.addTaskActionButton(function (args) {
     return window.React.createElement(taskView, { task: args.task });

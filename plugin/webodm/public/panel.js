@@ -68,8 +68,9 @@
         views.findings(verdict, act),
         views.leftOut(left, act),
         views.cameras(verdict.cameras),
-        views.tasks(verdict, act, taskName),
+        views.tasks(verdict, act, baseName()),
         views.rules(verdict, act),
+        verdict.tasks.length ? views.others(sensorgate.others.place(check.others, check.files, verdict).told) : null,
         notes(verdict),
         buttons(verdict)
       ];
@@ -83,22 +84,14 @@
     }
 
     function notes(verdict) {
-      var told = [];
-      if (check.others && verdict.tasks.length) {
-        told.push(plural(check.others, "other file") + " (videos, point clouds, …) " + (check.others === 1 ? "is" : "are")
-          + " not sent with the suggested tasks.");
-      }
-      if (check.hold === "hold" && verdict.verdict !== "consistent") {
-        told.push("Uploaded as one task, these files would be held on this server: the task waits in the list until somebody decides.");
-      }
-      if (trouble) told.push(trouble);
-      return told.map(function (text) { return h("p.sg-note", null, text); });
+      var told = [check.hold === "hold" ? heldWords(verdict, check) : "", trouble];
+      return told.filter(Boolean).map(function (text) { return h("p.sg-note", null, text); });
     }
 
     function buttons(verdict) {
       var ready = check.phase === "ready" && check.verdictFinal && verdict.tasks.length > 0;
       var chosen = check.choices.off.length || Object.keys(check.choices.moves).length;
-      var size = ready ? " " + sensorgate.dom.bytes(sizeOf(verdict.tasks, check.files)) : "";
+      var size = ready ? " " + sensorgate.dom.bytes(sizeOf(withOthers(check), check.files)) : "";
       var label = (verdict.tasks.length === 1 ? "Create the task" : "Create " + plural(verdict.tasks.length, "task")) + " and upload" + size;
       return h("div.sg-buttons.sg-act.theme-background-highlight", null,
         verdict.tasks.length ? button(act.busy ? "Still reading…" : label, "btn-primary", start, !ready, "create") : null,
@@ -159,20 +152,16 @@
       return (field && (field.value || field.placeholder)) || (props.taskInfo || {}).name || "Task";
     }
 
-    function taskName(task) {
-      return check.verdict.tasks.length > 1 ? baseName() + " - " + task.name : baseName();
-    }
-
     function start() {
       if (started || check.phase !== "ready" || !check.verdictFinal) return;
       try {
         refreshInfo();
         var order = {
-          project: project, session: check.session, name: baseName(), info: props.taskInfo || {},
-          tasks: check.verdict.tasks.map(function (task) { return ordered(task, check.files); })
+          project: project, session: check.session, name: baseName(), info: props.taskInfo || {}, choices: check.choices,
+          tasks: withOthers(check).map(function (task) { return ordered(task, check.files); })
         };
         started = true;
-        sensorgate.dock.take(new sensorgate.Upload(order), sensorgate.taskAdded[project], item);
+        sensorgate.dock.take(new sensorgate.Upload(order), item);
       } catch (error) {
         started = false;
         trouble = error.message;
@@ -193,6 +182,14 @@
   /* Files of an upload before this one may still be in the form's list. */
   function isWaiting(file) {
     return ["success", "canceled", "error"].indexOf(file.status) < 0;
+  }
+
+  /* The verdict's tasks with the files that go along with them. */
+  function withOthers(check) {
+    var along = sensorgate.others.place(check.others, check.files, check.verdict).along;
+    return check.verdict.tasks.map(function (task) {
+      return Object.assign({}, task, { files: task.files.concat(along[task.key]) });
+    });
   }
 
   function sizeOf(tasks, files) {
@@ -220,6 +217,20 @@
   function leaveForm(item, project) {
     if (item && item.dropzone) item.dropzone.removeAllFiles(true);
     if (sensorgate.taskAdded[project]) sensorgate.taskAdded[project]();
+    // The form was long: without it the page stands somewhere else.
+    if (item) requestAnimationFrame(function () { item.scrollIntoView({ block: "nearest" }); });
+  }
+
+  /* What hold mode will do with these files on the server. */
+  function heldWords(verdict, check) {
+    var mixes = check.choices.off.indexOf("split") >= 0
+      || Object.keys(check.choices.moves).some(function (payload) { return check.choices.moves[payload]; });
+    if (mixes && !check.mayOverride) {
+      return "This server checks every task after its upload: frames that do not belong together are taken apart again there.";
+    }
+    if (!verdict.tasks.length) return "This server checks every task after its upload: these files would be held there.";
+    if (verdict.tasks.length === 1) return "";
+    return "This server checks every task after its upload: sent as one, these files would be taken apart there.";
   }
 
   function statusWords(check) {

@@ -6,6 +6,7 @@
   var POLL_MS = 4000;
   var FAILED_STATUS = 30;
   var UNDER_WAY = ["waiting", "checking", "working"];
+  var INCOMPLETE = "Not all of its files are here yet. If its upload was broken off, delete this task and choose the files again.";
   var CONFIRM = {
     override: "Let this task go as it is, cameras mixed? It may fail, or come out bent without a warning.",
     prepare: "Harmonize and align the images on this server, then create the tasks? This can take hours and much disk."
@@ -21,7 +22,8 @@
 
     function ask() {
       clearTimeout(timer);
-      return sensorgate.requests.persist("GET", address + "state", { signal: signal }, 3).then(show, wrong);
+      if (task.partial) return draw();
+      sensorgate.requests.persist("GET", address + "state", { signal: signal }, 3).then(show, wrong);
     }
 
     function show(answer) {
@@ -47,7 +49,7 @@
         busy = "";
         show(answer);
         var created = (answer.tasks || []).length;
-        if (created && action !== "check" && sensorgate.taskAdded[task.project] && !formOpen(element)) sensorgate.taskAdded[task.project]();
+        if (created && action !== "check") sensorgate.refresh(task.project, element.closest(".project-list-item"));
       }, function (error) {
         busy = "";
         wrong(error);
@@ -55,26 +57,20 @@
     }
 
     function draw() {
+      if (task.partial) return sensorgate.dom.redraw(place, sensorgate.dock.fills(task.id) ? null : h("p", null, INCOMPLETE));
       if (!state) return sensorgate.dom.redraw(place, trouble ? h("p.sg-note", null, trouble) : null);
       var judgement = state.judgement;
       if (state.state === "none" && !state.actions.length && !state.report && !judgement) return sensorgate.dom.redraw(place, null);
       sensorgate.dom.redraw(place, [
         h("h5", null, "Camera check"),
         state.message ? h("p", { role: "status" }, state.message) : null,
-        state.progress !== null && state.progress !== undefined ? progress(state.progress) : null,
+        state.progress !== null && state.progress !== undefined ? sensorgate.dom.bar(state.progress, "Progress") : null,
         state.engine_message && tellsEngine(state) ? h("p.sg-small", null, state.engine_message) : null,
         judgement ? judged(judgement) : null,
         trouble ? h("p.sg-note", null, trouble) : null,
         (state.tasks || []).length ? h("p.sg-small", null, "Created from it: " + state.tasks.map(function (each) { return each.name; }).join(", ") + ".") : null,
         buttons(judgement)
       ]);
-    }
-
-    function progress(share) {
-      var percent = Math.round(100 * share);
-      return h("div.sg-bar", {
-        role: "progressbar", "aria-label": "Progress", "aria-valuemin": "0", "aria-valuemax": "100", "aria-valuenow": String(percent)
-      }, h("div", { style: "width:" + percent + "%" }));
     }
 
     function judged(judgement) {
@@ -119,9 +115,9 @@
     }
 
     function update(next) {
-      var before = task.status;
+      var before = task;
       task = next.task;
-      if (task.status !== before) ask();
+      if (task.status !== before.status || task.partial !== before.partial) ask();
     }
 
     function close() {
@@ -136,11 +132,6 @@
   /* Where the long work would run matters only to who may start it, or waits for it. */
   function tellsEngine(state) {
     return state.state === "working" || state.actions.indexOf("prepare") >= 0 || state.actions.indexOf("split") >= 0;
-  }
-
-  function formOpen(element) {
-    var item = element.closest(".project-list-item");
-    return Boolean(item && item.querySelector(".new-task-panel, .upload-progress-bar"));
   }
 
   sensorgate.openTask = openTask;

@@ -35,7 +35,7 @@
     return (own || []).concat(proposed || []).filter(function (tag, index, all) { return all.indexOf(tag) === index; });
   }
 
-  /* `order`: {project, session, name, info (WebODM's task form), tasks: [{key, name, options, tags, texts,
+  /* `order`: {project, session, name, choices, info (WebODM's task form), tasks: [{key, name, options, tags, texts,
      files: [[File, name], ...]}]} */
   function Upload(order) {
     this.order = order;
@@ -49,9 +49,9 @@
       });
       var parts = task.files.concat(texts);
       return {
-        task: task, label: order.tasks.length > 1 ? order.name + " - " + task.name : order.name, parts: parts,
+        task: task, name: order.tasks.length > 1 ? order.name + " - " + task.name : order.name, parts: parts,
         total: parts.reduce(function (sum, part) { return sum + part[0].size; }, 0),
-        up: {}, sent: {}, count: 0, id: null, claimed: false, state: "waiting", message: ""
+        up: {}, sent: {}, count: 0, id: null, claimed: false, state: "waiting", message: "", note: ""
       };
     });
   }
@@ -121,7 +121,7 @@
     if (row.id) return this.claim(row);
     var self = this, info = this.order.info || {}, node = info.selectedNode || { key: "auto" };
     var body = {
-      name: row.label, partial: true, options: mergeOptions(info.options, row.task.options),
+      name: row.name, partial: true, options: mergeOptions(info.options, row.task.options),
       tags: mergeTags(info.tags, row.task.tags), auto_processing_node: node.key === "auto"
     };
     if (node.id !== undefined && node.id !== null && node.key !== "auto") body.processing_node = node.id;
@@ -139,8 +139,12 @@
 
   Upload.prototype.claim = function (row) {
     if (row.claimed) return Promise.resolve();
-    return this.persist(row, "POST", sensorgate.api + "sessions/" + this.order.session + "/claim", { task: row.id, key: row.task.key })
-      .then(function () { row.claimed = true; }, function (error) {
+    var told = { task: row.id, key: row.task.key, off: this.order.choices.off, moves: this.order.choices.moves };
+    return this.persist(row, "POST", sensorgate.api + "sessions/" + this.order.session + "/claim", told)
+      .then(function (answer) {
+        row.claimed = true;
+        row.note = (answer && answer.message) || "";
+      }, function (error) {
         if (error.stopped || error.retry) throw error;
         // The choices cannot be noted: the upload is worth more, and hold mode will look at what arrives.
         row.claimed = true;

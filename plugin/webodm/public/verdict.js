@@ -24,17 +24,19 @@
     return h("p.sg-headline", null, h("span.sg-mark.sg-look-" + look, { "aria-hidden": "true" }, MARKS[look]), h("strong", null, (soFar ? "So far: " : "") + verdict.headline));
   }
 
-  /* One row for each camera of one picture size: the lenses of a rig are one camera to who flies it. */
+  /* One row for each camera as a pilot counts them: a rig is one, and so is a body that writes two picture sizes. */
   function grouped(found) {
     var rows = [], places = {};
     found.forEach(function (camera) {
-      var key = JSON.stringify([camera.payload, camera.name, camera.width, camera.height, camera.spectrum]);
-      if (!camera.payload || places[key] === undefined) {
+      var key = camera.camera || camera.name;
+      if (places[key] === undefined) {
         places[key] = rows.length;
-        rows.push({ camera: camera, bands: [], focals: [], frames: 0 });
+        rows.push({ camera: camera, bands: [], sizes: [], focals: [], frames: 0 });
       }
       var row = rows[places[key]];
+      var size = camera.width && camera.height ? camera.width + " × " + camera.height : "unknown";
       row.frames += camera.frames;
+      if (row.sizes.indexOf(size) < 0) row.sizes.push(size);
       if (camera.band && row.bands.indexOf(camera.band) < 0) row.bands.push(camera.band);
       if (camera.focal_mm) row.focals.push(camera.focal_mm);
     });
@@ -50,7 +52,7 @@
       return h("tr", null,
         h("th", { scope: "row" }, camera.name || "Unknown camera"),
         judged ? h("td", null, spectrum(camera.spectrum) + (each.bands.length > 1 ? ": " + each.bands.join(", ") : "")) : null,
-        h("td.sg-whole", null, camera.width && camera.height ? camera.width + " × " + camera.height : "unknown"),
+        h("td", null, each.sizes.map(function (size) { return h("div.sg-whole", null, size); })),
         judged ? h("td.sg-whole", null, focal(each.focals)) : null,
         h("td.sg-number", null, count(each.frames)));
     }
@@ -73,9 +75,12 @@
 
   function comparison(verdict) {
     if (!verdict.odm.length && !verdict.ours.length) return null;
-    return h("div.sg-versus", null,
-      h("section", null, h("h5", null, "If you upload this as one task"), lines(verdict.odm)),
-      h("section.sg-ours", null, h("h5", null, "What we suggest"), lines(verdict.ours)));
+    return [
+      h("div.sg-versus", null,
+        h("section", null, h("h5", null, "If you upload this as one task"), lines(verdict.odm)),
+        h("section.sg-ours", null, h("h5", null, "What we suggest"), lines(verdict.ours))),
+      verdict.engine_message && verdict.verdict !== "consistent" ? h("p.sg-small.sg-engine", null, verdict.engine_message) : null
+    ];
   }
 
   function optionWords(option) {
@@ -101,11 +106,11 @@
       verdict.payloads.length > 1 ? mover(payload, verdict, act) : null);
   }
 
-  function taskCard(task, verdict, act, name) {
+  function taskCard(task, verdict, act) {
     var payloads = verdict.payloads.filter(function (payload) { return payload.task === task.key; });
     var texts = Object.keys(task.texts || {}).sort();
     return h("section.sg-task", null,
-      h("h6", null, name(task), " ", h("small", null, plural(task.frames, "frame") + (spectrum(task.spectrum) ? " · " + spectrum(task.spectrum) : ""))),
+      h("h6", null, task.name, " ", h("small", null, plural(task.frames, "frame") + (spectrum(task.spectrum) ? " · " + spectrum(task.spectrum) : ""))),
       payloads.length ? h("ul.sg-payloads", null, payloads.map(function (payload) { return payloadRow(payload, verdict, act); })) : null,
       h("div.sg-options.sg-small", null, task.options.length ? task.options.map(function (option) {
         return h("div", null, h("code", null, optionWords(option)), " ", (task.reasons || {})[option.name] || "");
@@ -113,15 +118,17 @@
       texts.length ? h("p.sg-small", null, "With it: " + texts.join(", ") + ", rewritten for this task.") : null);
   }
 
-  function tasks(verdict, act, name) {
+  /* `base`: the name that the user gave; each task's own is put behind it. */
+  function tasks(verdict, act, base) {
     if (!verdict.tasks.length) return null;
     var apart = verdict.payloads.filter(function (payload) {
       return !verdict.tasks.some(function (task) { return task.key === payload.task; });
     });
     return [
       h("h5", null, plural(verdict.tasks.length, "task") + " to create"),
+      h("p.sg-small.sg-names", null, verdict.tasks.length > 1 ? ["Their names begin with “", base, " -”."] : ["Its name is “", base, "”."]),
       h("div.sg-tasks", null,
-        verdict.tasks.map(function (task) { return taskCard(task, verdict, act, name); }),
+        verdict.tasks.map(function (task) { return taskCard(task, verdict, act); }),
         apart.length ? h("section.sg-task.sg-apart", null, h("h6", null, "Left out"),
           h("ul.sg-payloads", null, apart.map(function (payload) { return payloadRow(payload, verdict, act); }))) : null)
     ];
@@ -136,6 +143,10 @@
           onchange: function (event) { act.rule(rule.id, event.target.checked); }
         }), h("span", null, rule.text, rule.frames ? h("small", null, " (" + plural(rule.frames, "frame") + ")") : null));
       }));
+  }
+
+  function others(told) {
+    return told.length ? [h("h5", null, "Other files"), lines(told)] : null;
   }
 
   function fold(key, title, children, act) {
@@ -174,6 +185,6 @@
   }
 
   sensorgate.views = {
-    headline: headline, cameras: cameras, comparison: comparison, tasks: tasks, rules: rules, findings: findings, leftOut: leftOut
+    headline: headline, cameras: cameras, comparison: comparison, tasks: tasks, rules: rules, others: others, findings: findings, leftOut: leftOut
   };
 })(window.sensorgate);

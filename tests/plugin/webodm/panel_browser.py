@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+_CONTRAST = Path(__file__).with_name("panel_contrast.js").read_text(encoding="utf-8")
 # Chromium reads its orders from descriptor 3 and answers on 4.
 _START = (
     "import os, sys\n"
@@ -103,6 +104,16 @@ class Browser:
         root = self.call("DOM.getDocument")["root"]["nodeId"]
         node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
         self.call("DOM.setFileInputFiles", nodeId=node, files=[str(f) for f in files])
+
+    def click(self, key: str) -> None:
+        """Click what carries this ``data-key`` as soon as it can be clicked."""
+        where = f"document.querySelector({json.dumps(f'[data-key={json.dumps(key)}]:not([disabled])')})"
+        self.wait(where)
+        self.run(f"{where}.click()")
+
+    def unreadable(self, selector: str) -> List[Any]:
+        """[text, contrast] of every text below that has less contrast than WCAG 2.1 AA asks for."""
+        return list(self.run(f"{_CONTRAST}({json.dumps(selector)}, 4.5)"))
 
     def press(self, key: str) -> None:
         """Press and release a key."""

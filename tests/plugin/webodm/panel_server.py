@@ -46,6 +46,8 @@ class Dashboard:
         self.hold = "off"
         self.tasks: Dict[str, Dict[str, Any]] = {}
         self.states: Dict[str, List[Dict[str, Any]]] = {}
+        self.waiting: List[List[Dict[str, Any]]] = []  # what waits in the project, for each time that it is asked
+        self.claim_message = ""
         self.requests: List[Tuple[str, str, int]] = []
         self.bodies: List[Tuple[str, Any]] = []
         self.verdicts: List[Any] = []
@@ -147,6 +149,9 @@ class Dashboard:
         state = re.match(rf"^projects/{PROJECT}/tasks/([^/]+)/(\w+)$", path)
         if state:
             return self._state(method, state.group(1), state.group(2))
+        if path == "waiting":
+            now = self.waiting.pop(0) if len(self.waiting) > 1 else (self.waiting or [[]])[0]
+            return 200, {"projects": {str(PROJECT): now} if now else {}}
         _, name, what = path.split("/")
         session = sessions.find(self.folder / "sessions", name, USER)
         if session is None:
@@ -166,7 +171,7 @@ class Dashboard:
             session.keep_control(value["kind"], value["text"])
             return 200, {"ok": True}
         if what == "claim":
-            return 200, {"ok": True}
+            return 200, {"ok": True, "honoured": not self.claim_message, "message": self.claim_message}
         return 200, self._verdict(session, value)
 
     def _verdict(self, session: sessions.Session, value: Any) -> Any:

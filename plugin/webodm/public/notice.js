@@ -1,0 +1,89 @@
+/* Under a project's name: which of its tasks wait for the camera check, why, and how far it is. WebODM's own rows do
+   not follow a task that has no node yet; when one goes on, the project's list is read anew. */
+(function (sensorgate) {
+  "use strict";
+
+  var h = sensorgate.dom.h, plural = sensorgate.dom.plural;
+  var SETTLE_MS = 1000;
+  var POLL_MS = 5000;
+  var MOST_SHOWN = 5;
+  var HELD = "held";
+  var watched = {};
+  var timer = null, lastAsked = -POLL_MS;
+
+  /* Watch a project from a place in its list item. */
+  function openNotice(element, props) {
+    var project = props.projectId;
+    var item = element.closest(".project-list-item");
+    var place = h("section.sg-notice", { "aria-label": "Tasks that wait for the camera check" });
+    if (!item) return { update: soon, close: function () {} };
+    item.insertBefore(place, item.querySelector(":scope > .drag-drop-icon"));
+    watched[project] = { item: item, place: place, tasks: [] };
+    soon();
+    return {
+      update: soon,
+      close: function () {
+        place.remove();
+        if (watched[project] && watched[project].place === place) delete watched[project];
+      }
+    };
+  }
+
+  function soon() {
+    if (timer) return;
+    timer = setTimeout(ask, Math.max(SETTLE_MS, lastAsked + POLL_MS - performance.now()));
+  }
+
+  /* One question for all projects of the page. */
+  function ask() {
+    timer = null;
+    var projects = Object.keys(watched);
+    if (!projects.length || document.hidden) return;
+    lastAsked = performance.now();
+    sensorgate.requests.send("GET", sensorgate.api + "waiting?projects=" + projects.join(",")).then(function (answer) {
+      projects.forEach(function (project) {
+        if (watched[project]) told(project, answer.projects[project] || []);
+      });
+    }, function () {
+      // What is shown stays; whoever was logged out or lost the line sees that elsewhere.
+    }).then(function () {
+      if (projects.some(function (project) { return watched[project] && watched[project].tasks.length; })) soon();
+    });
+  }
+
+  function told(project, tasks) {
+    var entry = watched[project], before = entry.tasks;
+    entry.tasks = tasks;
+    draw(project, entry);
+    var changed = before.some(function (old) {
+      return !tasks.some(function (now) { return now.id === old.id && (now.state === HELD) === (old.state === HELD); });
+    });
+    if (changed) sensorgate.refresh(project, entry.item);
+  }
+
+  function draw(project, entry) {
+    var held = entry.tasks.filter(function (task) { return task.state === HELD; });
+    var under = entry.tasks.length - held.length;
+    var shown = held.concat(entry.tasks.filter(function (task) { return task.state !== HELD; })).slice(0, MOST_SHOWN);
+    var title = [
+      held.length ? plural(held.length, "task") + (held.length === 1 ? " is held and needs" : " are held and need") + " your decision" : "",
+      under ? plural(under, "task") + (under === 1 ? " waits" : " wait") + " for the camera check" : ""
+    ].filter(Boolean).join("; ");
+    sensorgate.dom.redraw(entry.place, entry.tasks.length ? [
+      h("h5", { role: "status" }, title),
+      h("ul", null, shown.map(function (task) { return row(project, task); })),
+      entry.tasks.length > shown.length ? h("p", null, "And " + (entry.tasks.length - shown.length) + " more.") : null
+    ] : null);
+  }
+
+  function row(project, task) {
+    var address = "/dashboard/?project_task_open=" + project + "&project_task_expanded=" + task.id;
+    return h("li.sg-notice-" + task.state, null,
+      h("a", { href: address, "data-key": "notice-" + task.id }, task.name || "Unnamed task"), " ", task.message,
+      typeof task.progress === "number" ? sensorgate.dom.bar(task.progress, "How far " + (task.name || "the task") + " is") : null);
+  }
+
+  document.addEventListener("visibilitychange", function () { if (!document.hidden) soon(); });
+
+  sensorgate.openNotice = openNotice;
+})(window.sensorgate);
