@@ -310,6 +310,16 @@ def test_the_fields_of_a_row_of_the_built_in_sheet_are_all_told():
     assert {key for row in rows for key in row} <= told <= {f.name for f in dataclasses.fields(SheetRow)}
 
 
+def test_the_options_of_the_field_node_are_all_told():
+    from sensorgate.plugin.node.options import OPTIONS, POLICIES
+
+    text = (DOCS / "field-node.md").read_text(encoding="utf-8")
+    table = text.split("## Options of a task", 1)[1].split("\n## ", 1)[0]
+    told = dict(re.findall(r"^\| `([a-z-]+)` \| (.*) \|$", table, re.MULTILINE))
+    assert set(told) == {o.name for o in OPTIONS}
+    assert all(f"`{policy}`" in told["mixed-sensor-policy"] for policy in POLICIES)
+
+
 def test_the_number_of_sheet_rows_is_right():
     rows = json.loads((ROOT / "stages/sensors.json").read_text(encoding="utf-8"))["rows"]
     told = re.search(r"built-in sheet has (\d+) rows", (DOCS / "limits.md").read_text(encoding="utf-8"))
