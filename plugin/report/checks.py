@@ -73,9 +73,10 @@ def alignment_checks(view: View, project: Mapping[str, Any]) -> List[Check]:
     if found is None:
         return []
     limit = view.threshold
-    checks = [_registered(found, limit), _reprojection(found, limit), *_gps(found), *_control(found)]
-    checks.extend(c for c in (_height(found), _bowing(found, limit), _inliers(found, limit)) if c)
-    return checks
+    checks: List[Optional[Check]] = [_registered(found, limit)]
+    if found["components"]:  # without a model there is nothing else to judge
+        checks += [_reprojection(found, limit), *_gps(found), *_control(found), _height(found), _bowing(found, limit)]
+    return [c for c in (*checks, _inliers(found, limit)) if c]
 
 
 def _registered(found: Mapping[str, Any], limit: Mapping[str, float]) -> Check:

@@ -36,17 +36,30 @@ def verdict(view: View) -> Tuple[str, str]:
     if report["verdict"] == "consistent":
         headline = f"Consistent: {'this' if len(report['frames']) == 1 else 'these'} {frames} can be queued."
     elif len(report["subprojects"]) > 1:
-        count = len(report["subprojects"])
-        instead = f"queue the {count} projects made from it" if view.written else f"it holds {count} projects"
-        headline = f"Do not queue this folder as one project: {instead}."
+        headline = f"Do not queue this folder as one project: {_instead(view)}."
     elif view.written:
-        headline = "Do not queue this folder as it is: queue the project made from it."
+        headline = f"Do not queue this folder as it is: {_instead(view)}."
     elif len(spectra) > 1:
         headline = f"Do not queue this folder as one project: it mixes {listing(spectra)} frames."
     else:
         headline = "Do not queue this folder as it is."
     mixed = f" in {len(spectra)} spectra ({listing(spectra)})" if len(spectra) > 1 else ""
     return headline, f"{frames} from {plural(len(report['profiles']), 'camera')}{mixed}. {standing(view)}".strip()
+
+
+def _instead(view: View) -> str:
+    """What to queue in place of the folder."""
+    projects = view.report["subprojects"]
+    count, ready = len(projects), sum(1 for p in projects if p["route"] != "unproven")
+    if not view.written:
+        return f"it holds {plural(count, 'project')}"
+    if count == 1:
+        return "queue the project made from it" if ready else "the project made from it is unproven"
+    if ready == count:
+        return f"queue the {count} projects made from it"
+    if ready == 0:
+        return f"the {count} projects made from it are unproven"
+    return f"of the {count} projects made from it, {ready} {'is' if ready == 1 else 'are'} ready to queue"
 
 
 def standing(view: View) -> str:
@@ -83,7 +96,7 @@ def _outcome(view: View) -> Optional[Comparison]:
     proven = sum(1 for p in projects if p["route"] != "unproven")
     made = plural(len(projects), "project")
     instead = (
-        f"{made} that ODM can load, {proven} of them reconstructed on trial."
+        f"{made} that ODM can load, {proven or 'none'} of them reconstructed on trial."
         if view.written
         else "Projects that ODM can load, each reconstructed on trial before it is handed over."
     )

@@ -14,9 +14,10 @@ from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple
 from . import svg
 from .plane import Plane, Size, has_position
 from .sites import Spot, bearing_words, belongs, split_sites
-from .view import View, plural
+from .view import View, listing, plural
 
 MOST_SITES = 6
+LEAST_FRAMES = 3
 MARGIN = 46.0
 WHOLE: Size = (960.0, 240.0, 560.0)
 PANEL: Size = (480.0, 340.0, 340.0)
@@ -50,22 +51,26 @@ def survey_map(view: View) -> SurveyMap:
         return SurveyMap()
     sites = [[anchors[i] for i in site] for site in split_sites([_spot(f) for f in anchors])]
     others = [f for f in placed if f["reason"]] if anchors is not placed else []
-    spots = [[_spot(f) for f in site] for site in sites[:MOST_SITES]]
+    drawn = [s for n, s in enumerate(sites) if not n or len(s) >= LEAST_FRAMES][:MOST_SITES]
+    lone = [s for s in sites if all(s is not d for d in drawn)]
+    anchor = [_spot(f) for f in sites[0]]
     covered: Set[str] = set()
     panels = []
-    for number, site in enumerate(sites[:MOST_SITES]):
-        near = [f for f in others if f["path"] not in covered and belongs(_spot(f), spots[number])]
+    for number, site in enumerate(drawn):
+        spots = [_spot(f) for f in site]
+        near = [f for f in others if f["path"] not in covered and belongs(_spot(f), spots)]
         covered.update(f["path"] for f in (*site, *near))
         name = f"Site {number + 1}" if len(sites) > 1 else "Survey"
-        where = f", {bearing_words(spots[0], spots[number])} of site 1" if number else ""
-        panels.append(_draw(view, site, near, f"{name}{where}", PANEL if len(sites) > 1 else WHOLE))
-    lacking, away = len(view.report["frames"]) - len(placed), len(placed) - len(covered)
+        where = f", {bearing_words(anchor, spots)} of site 1" if number else ""
+        panels.append(_draw(view, site, near, f"{name}{where}", PANEL if len(drawn) > 1 else WHOLE))
     notes = [
-        f"{plural(lacking, 'frame')} without a position" if lacking else "",
-        f"{plural(away, 'frame')} far away from the rest" if away else "",
+        f"{plural(len(s), 'frame')} {bearing_words(anchor, [_spot(f) for f in s])} of site 1" for s in lone[:MOST_SITES]
     ]
-    said = " and ".join(n for n in notes if n)
-    return SurveyMap(tuple(panels), f"Not drawn: {said}." if said else "")
+    lacking = len(view.report["frames"]) - len(placed)
+    away = len(placed) - len(covered) - sum(len(s) for s in lone[:MOST_SITES])
+    notes += [f"{plural(away, 'frame')} far away from the rest"] if away else []
+    notes += [f"{plural(lacking, 'frame')} without a position"] if lacking else []
+    return SurveyMap(tuple(panels), f"Not drawn: {listing(notes, len(notes))}." if notes else "")
 
 
 def _spot(frame: Frame) -> Spot:
@@ -92,7 +97,7 @@ def _draw(view: View, used: Sequence[Frame], left: Sequence[Frame], name: str, s
         if payload not in spots:
             continue
         # Payloads of one drone stand on one spot: each next one is drawn smaller, as a ring around a dot.
-        dots = svg.dots(spots[payload], svg.colour_class(index), 2 * radius * max(0.5, 1.0 - 0.15 * len(over)))
+        dots = svg.dots(spots[payload], svg.colour_class(index), 2 * radius * max(0.4, 1.0 - 0.3 * len(over)))
         body.append(f'<g class="layer-{index}">{"".join(ways.get(payload, []))}</g>')
         over.append(f'<g class="layer-{index}"><title>{html.escape(payload)}</title>{dots}</g>')
     body.extend(over)

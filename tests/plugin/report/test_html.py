@@ -195,6 +195,16 @@ def test_without_gps_alignment_or_figures() -> None:
     assert "No model could be built." in parsed.text
 
 
+def test_a_replay_says_what_differs() -> None:
+    report = sample(10)
+    report["replay"] = {"plan_sha256": "ab" * 32, "same": True, "differences": []}
+    assert "Nothing differs from the plan" in Page(render(report)).text
+    change = {"about": "version", "subjects": ["numpy"], "message": "numpy is another", "then": "2.0", "now": "2.1"}
+    report["replay"].update(same=False, differences=[change])
+    text = Page(render(report)).text
+    assert "1 difference from the plan" in text and "numpy is another" in text and "ab" * 32 in text
+
+
 def test_without_profiles() -> None:
     report = sample(10)
     report.update(profiles=[], payloads=[], flights=[], subprojects=[], actions=[])
@@ -209,7 +219,7 @@ def test_one_frame_and_one_far_away() -> None:
     placed[0].update(latitude=-33.0, longitude=179.999)
     placed[1].update(latitude=-33.0, longitude=-179.9995)
     text = render(report)
-    assert Page(text).open == [] and "Site 2" in text
+    assert Page(text).open == [] and "Not drawn: 2 frames " in text
 
 
 def test_previews_are_shown_and_bounded(tmp_path: Path) -> None:

@@ -22,9 +22,25 @@ def without_projects() -> Dict[str, Any]:
 
 def test_verdict_counts_projects_and_proof() -> None:
     headline, detail = story.verdict(View(sample()))
-    assert headline == "Do not queue this folder as one project: queue the 4 projects made from it."
+    assert headline.endswith("of the 4 projects made from it, 3 are ready to queue.")
     assert "2 proven to reconstruct, 1 set apart, 1 unproven" in detail
     assert "415 frames from 9 cameras in 3 spectra" in detail
+
+
+@pytest.mark.parametrize(
+    ("routes", "said"),
+    [
+        (["proceed", "isolate"], "queue the 2 projects made from it."),
+        (["unproven", "unproven"], "the 2 projects made from it are unproven."),
+        (["unproven", "proceed"], "of the 2 projects made from it, 1 is ready to queue."),
+        (["proceed"], "queue the project made from it."),
+        (["unproven"], "the project made from it is unproven."),
+    ],
+)
+def test_verdict_sends_nobody_to_an_unproven_project(routes: List[str], said: str) -> None:
+    report = sample()
+    report["subprojects"] = [{**p, "route": route} for p, route in zip(report["subprojects"], routes)]
+    assert story.verdict(View(report))[0].endswith(said)
 
 
 def test_verdict_of_a_gate_points_to_run() -> None:
