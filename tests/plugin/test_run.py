@@ -18,6 +18,8 @@ pytest.importorskip("pycolmap")
 
 from sensorgate.plugin import pipeline
 from sensorgate.plugin.cli import main
+from sensorgate.plugin.plan_file import read_plan
+from sensorgate.plugin.replay import settings_of
 from sensorgate.stages.errors import BlockedError, UsageError
 
 from tests.frames import REAL
@@ -61,11 +63,15 @@ def test_nothing_of_ours_stands_where_odm_writes(tiny):
     assert not (tiny.out / ".work").exists()
 
 
-def test_twice_the_same_command_gives_the_same_bytes(tiny, tmp_path):
-    again = tmp_path / "again"
-    settings = pipeline.Settings(gcp=str(tiny.survey / tiny.truth.gcp_file) if tiny.truth.gcp_file else None)
-    pipeline.run([str(tiny.survey / "images")], again, settings)
-    assert digests(again, SOLVER_FILES) == digests(tiny.out, SOLVER_FILES)
+def test_done_again_elsewhere_by_its_plan_gives_the_same_bytes(tiny, tmp_path):
+    shutil.copytree(tiny.survey, tmp_path / "elsewhere")
+    images = str(tmp_path / "elsewhere/images")
+    plan = read_plan(str(tiny.out / "plan.json"))
+    settings = settings_of(plan, pipeline.Settings(), [tmp_path / "elsewhere"])
+    again = pipeline.run([images], tmp_path / "again", settings, plan=plan)
+    assert again.exit_code == tiny.exit_code
+    assert again.report["replay"]["differences"] == []
+    assert digests(tmp_path / "again", SOLVER_FILES) == digests(tiny.out, SOLVER_FILES)
 
 
 def test_originals_are_untouched_and_outputs_do_not_reach_them(tiny):
