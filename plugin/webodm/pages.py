@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Callable, Dict, List
 
 from ...stages.errors import SensorgateError
 from . import checking, home, preferences, records, sessions
 
-_MOST_TASKS = 200
+_MOST_TASKS, _SHOWN_TASKS = 200, 15
 _STATES = {
     records.UPLOADING: "uploading",
     records.WAITING: "waiting",
@@ -62,6 +63,7 @@ def menu_page(request: Any, plugin: Any) -> Any:
         {"name": n, "value": own.get(n, k["default"]), **k, "changed": n in own}
         for n, k in sorted(told["thresholds"]["known"].items(), key=lambda i: (i[0] not in own, i[0]))
     ]
+    history = _history(request.user)
     context = {
         "title": "Camera check",
         "told": told,
@@ -71,8 +73,11 @@ def menu_page(request: Any, plugin: Any) -> Any:
             ("report", "Report", "Every new task is checked beside its processing, and gets a report."),
             ("hold", "Hold", "Every new task waits until its cameras were checked, then goes on or is taken apart."),
         ],
-        "history": _history(request.user),
+        "history": history[:_SHOWN_TASKS],
+        "earlier": history[_SHOWN_TASKS:],
         "api": f"/api/plugins/{home.NAME}/settings",
+        "public": home.page(""),
+        "row_template": plugin.template_path("history_row.html"),
         "folder": home.ROOT,
         "version": home.version(),
         "scope": "all" if request.user.is_superuser else "mine",
@@ -88,13 +93,17 @@ def _history(user: Any) -> List[Dict[str, Any]]:
         task = home.find_task(task_id)
         if task is None or not user.has_perm("view_project", task.project):
             continue
+        report = _report_of(task).is_file()
+        if record.get("from") and not report:
+            continue  # the task that it was taken from tells of it
         rows.append(
             {
+                "at": datetime.fromtimestamp(float(record.get("at", 0.0)), timezone.utc),
                 "name": task.name or "unnamed",
                 "project": task.project.name,
                 "state": "created from another" if record.get("from") else _STATES[record["state"]],
                 "message": record.get("headline") or record.get("message") or "",
-                "report": home.page(f"tasks/{task.pk}/report") if _report_of(task).is_file() else None,
+                "report": home.page(f"tasks/{task.pk}/report") if report else None,
                 "dashboard": f"/dashboard/?project_task_open={task.project_id}&project_task_expanded={task.pk}",
             }
         )
