@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from . import worker
 from .calibrate import (
     HEIGHTS,
     Outcome,
+    Trial,
     as_candidates,
     choose,
     frozen,
@@ -104,7 +105,9 @@ def calibrate(
             outcomes = tuple(t.outcome for t in tried)
             surfaces = _surfaces(solved, ground, rows, laid)
             if held:
-                task = AdjustJob(solution.stored, job, variants, held)
+                task = AdjustJob(
+                    solution.stored, job, tuple(loosened(v, t, profile, free) for v, t in zip(variants, trials)), held
+                )
                 fixed = worker.adjust(task, engine, place / "control", progress, cancel)
                 outcomes = tuple(_under_control(o, s, job, rows, profile) for o, s in zip(outcomes, fixed))
             flown = [h for h in (flown_height(request.frames[i], limits) for i in rows) if h is not None]
@@ -113,7 +116,8 @@ def calibrate(
             told[profile] = as_candidates(outcomes, chosen, decision, veto)
             decided[profile] = decision
             bent = trials[chosen].distortion is None
-            free[profile] = (trials[chosen].focal is None, bent, bent and tilted)
+            solved_whole = bent and trials[chosen].focal is None
+            free[profile] = (trials[chosen].focal is None, bent, (bent and tilted) or (bool(held) and solved_whole))
             base = solved[chosen]
             current = tuple(frozen(c) for c in (fixed[chosen] if held else base).cameras)
     final = replace(
@@ -160,6 +164,27 @@ def _under_control(outcome: Outcome, solution: Solution, job: Job, rows: Rows, p
         solved_center=camera.center_ratio,
         solved_distortion=camera.distortion,
         focal_sigma=sigma if np.isfinite(sigma) else None,
+    )
+
+
+def loosened(
+    variant: Sequence[CameraSetting], trial: Trial, profile: str, free: Mapping[str, Tuple[bool, bool, bool]]
+) -> Tuple[CameraSetting, ...]:
+    """The cameras of a trial as they move with ground control held (pure); ``free`` says what decided profiles solve.
+
+    Control fixes where the cameras stand, so a shifted principal point shows; left at the middle, it bends the focal.
+    Another profile whose focal is solved as well moves along: standing still at a wrong focal it would
+    pass its error on, and with it the look of being certain. Only where the trial itself solves all: a
+    camera that moves at all moves in all that any camera solves.
+    """
+    if trial.focal is not None or trial.distortion is not None:
+        return tuple(variant)
+    moves = {name: whole[0] and whole[1] for name, whole in free.items()}
+    return tuple(
+        replace(c, solve_focal=True, solve_distortion=True, solve_center=True)
+        if c.profile == profile or moves.get(c.profile, True)
+        else c
+        for c in variant
     )
 
 

@@ -20,8 +20,8 @@ def several_guilty(seed: int) -> Survey:
     return survey_of(
         "several-guilty",
         (camera, fly(camera, Plan(50.0, 3, 5, side=0.6), GROUND, seed)),
-        (canon, fly(canon, Plan(50.0, 2, 4, side=0.6, start_s=39600.0, first_number=501), field, seed)),
-        (parrot, fly(parrot, Plan(50.0, 2, 4, heading_deg=90.0, side=0.6, start_s=43200.0), wood, seed)),
+        (canon, fly(canon, Plan(50.0, 2, 3, side=0.6, start_s=39600.0, first_number=501), field, seed)),
+        (parrot, fly(parrot, Plan(50.0, 2, 3, heading_deg=90.0, side=0.6, start_s=43200.0), wood, seed)),
         scenes=(GROUND, field, wood),
     )
 

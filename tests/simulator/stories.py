@@ -87,10 +87,14 @@ def gps_shift(seed: int) -> Survey:
 
 
 def no_gps(seed: int) -> Survey:
-    """A clean survey without any position."""
-    survey = lies.drop_tags(clean(seed), "p4p", ("gps", "relative-altitude"))
-    unproven = tuple(replace(p, route="unproven") for p in survey.payloads)
-    return replace(survey, name="no-gps", payloads=unproven)
+    """A clean survey without any position and without ground control: nothing can prove it."""
+    unproven = tuple(replace(p, route="unproven") for p in control_alone(seed).payloads)
+    return replace(control_alone(seed), name="no-gps", payloads=unproven, points=())
+
+
+def control_alone(seed: int) -> Survey:
+    """A clean survey without any position, which its ground control proves."""
+    return replace(lies.drop_tags(clean(seed), "p4p", ("gps", "relative-altitude")), name="control-alone")
 
 
 def altitudes_1_3(seed: int) -> Survey:
@@ -285,6 +289,7 @@ STORIES: Dict[str, Callable[[int], Survey]] = {
     "firmware-drift": firmware_drift,
     "gps-shift": gps_shift,
     "no-gps": no_gps,
+    "control-alone": control_alone,
     "altitudes-1-3": altitudes_1_3,
     "broken-files": broken_files,
     "rig-trouble": rig_trouble,
