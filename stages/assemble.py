@@ -13,8 +13,10 @@ from typing import Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 from .align.model import AlignCamera, AlignFrame, AlignRequest, GcpMark
 from .captures import seconds
+from .flights import PANEL, TRANSIT
 from .frame import Frame
 from .gate import cut_short, gps_outliers, incomplete_captures, is_rtk_fixed, kept_bands, rig_kind
+from .geo import median
 from .harmonize.model import HarmonizedFrame
 from .profile import MULTISPECTRAL, CameraProfile, Payload, SurveyFrame
 from .survey import Survey
@@ -149,6 +151,35 @@ def gps_sigma_of(frame: Frame, limits: Thresholds) -> Tuple[float, float]:
     return limits.gps_sigma_horizontal_m, limits.gps_sigma_vertical_m
 
 
+def level_of(frames: Sequence[str], survey: Survey, limits: Thresholds) -> Optional[Tuple[float, float]]:
+    """How far the zero of these frames' altitudes lies above the elevation model's, m, and the spread of that.
+
+    ``None`` where nothing says: only RTK altitudes count from one zero all
+    along, and they must say that it is the ellipsoid's, as the model does, or
+    a frame from the take-off must show it.
+    """
+    if survey.elevation is None:
+        return None
+    files, placed = survey.file_of(), {f.path: f for f in survey.frames}
+    if not frames or not all(is_rtk_fixed(files[p].rtk_flag) for p in frames):
+        return None
+    above = all(files[p].altitude_type.replace(" ", "").lower() == "rtkalt" for p in frames)
+    if above and "ellipsoid" in survey.elevation.vertical.lower():
+        return 0.0, 0.0
+    flights = {placed[p].flight for p in frames}
+    shown: List[float] = []
+    for where in survey.frames:
+        file = files[where.path]
+        near = file.relative_altitude_m is not None and abs(file.relative_altitude_m) <= limits.panel_height_m
+        if not near or where.flight not in flights or where.role not in (PANEL, TRANSIT):
+            continue
+        if is_rtk_fixed(file.rtk_flag) and file.altitude_m is not None and where.ground_m is not None:
+            shown.append(file.altitude_m - (file.relative_altitude_m or 0.0) - where.ground_m)
+    if not shown or max(shown) - min(shown) > 2.0 * limits.takeoff_level_m:
+        return None
+    return round(median(shown), 3), limits.takeoff_level_m
+
+
 def request_of(
     group: Group,
     survey: Survey,
@@ -203,4 +234,11 @@ def request_of(
         for profile, width, height in sorted(shapes)
     )
     seen = set(group.solver_frames)
-    return AlignRequest(group.name, tuple(frames), cameras, tuple(m for m in marks if m.path in seen))
+    return AlignRequest(
+        group.name,
+        tuple(frames),
+        cameras,
+        tuple(m for m in marks if m.path in seen),
+        elevation=survey.elevation_file,
+        elevation_level_m=level_of(group.solver_frames, survey, limits),
+    )

@@ -59,10 +59,10 @@ class ElevationSource:
 
 
 class Elevation:
-    """An opened elevation model."""
+    """An opened elevation model; ``file`` is where it lies."""
 
     def __init__(self, file: Path, source: ElevationSource, band: "_Band", cells: "_Cells") -> None:
-        self._file = file
+        self.file = file
         self.source = source
         self._band = band
         self._cells = cells

@@ -42,7 +42,10 @@ _SAMPLE_BYTES = 65536
 
 @dataclass(frozen=True)
 class Survey:
-    """Everything known of the input before any decision. Tuples are ordered by path or id."""
+    """Everything known of the input before any decision. Tuples are ordered by path or id.
+
+    ``elevation_file`` is where the elevation model lies, ``""`` without one.
+    """
 
     files: Tuple[Frame, ...]
     frames: Tuple[SurveyFrame, ...]
@@ -53,6 +56,7 @@ class Survey:
     broken: Tuple[BrokenFrame, ...] = ()
     ignored: Tuple[Tuple[str, int], ...] = ()
     elevation: Optional[ElevationSource] = None
+    elevation_file: str = ""
 
     @functools.cached_property
     def _file_of(self) -> Dict[str, Frame]:
@@ -353,6 +357,7 @@ def build(
         broken=tuple(sorted(scan.broken, key=lambda b: b.path)),
         ignored=tuple(sorted(scan.ignored.items())),
         elevation=elevation.source if elevation is not None else None,
+        elevation_file=str(elevation.file) if elevation is not None else "",
     )
 
 

@@ -15,10 +15,10 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 from ..thresholds import Thresholds
 from .fit import called
-from .heights import VerticalScale
 from .model import AlignCamera, Bowing, Candidate, LockDecision
 from .prepare import focal_over_side, known_distortion
 from .solution import CameraSetting
+from .vertical import DISAGREE, FLYING, MODEL, MODEL_DISAGREES, VerticalScale
 
 SOLVED = "solved"
 HEIGHTS = "heights"
@@ -42,23 +42,39 @@ class Geometry:
     """What of a block can hold a self-calibration: oblique share, control points, measured heights.
 
     ``height_sigma`` is the standard error of the vertical scale by measured
-    differences of height, ``None`` where there are none.
+    differences of height, ``None`` where there are none, and ``height_by``
+    what measured them.
     """
 
     oblique_share: float
     control: bool = False
     height_sigma: Optional[float] = None
+    height_by: str = FLYING
 
     def tilted(self, limits: Thresholds) -> bool:
         """Enough tilted views. Straight down, the place and tilt of each camera take up a shifted principal point."""
         return self.oblique_share >= limits.oblique_share
 
     def strong(self, limits: Thresholds) -> bool:
-        """Obliques, ground control or well measured heights: the focal is seen by more than its product with height."""
-        measured = self.height_sigma is not None and (
-            limits.solved_focal_sigma * self.height_sigma <= limits.focal_source_gap
-        )
-        return self.control or self.tilted(limits) or measured
+        """Obliques, ground control or well measured flying heights: the block itself supports what it solves.
+
+        An elevation model fixes a focal, but nothing that solves the block again has it.
+        """
+        return self.control or self.tilted(limits) or (self.by_heights(limits) and self.height_by != MODEL)
+
+    def by_heights(self, limits: Thresholds) -> bool:
+        """Differences of height are known well enough to fix a focal, and nothing else does.
+
+        So well that candidates told apart by ``focal_source_gap`` lie ``solved_focal_sigma`` standard errors apart.
+        """
+        if (
+            self.control
+            or self.tilted(limits)
+            or self.height_sigma is None
+            or (self.height_by in (DISAGREE, MODEL_DISAGREES))
+        ):
+            return False
+        return limits.solved_focal_sigma * self.height_sigma <= limits.focal_source_gap
 
 
 @dataclass(frozen=True)
@@ -114,7 +130,7 @@ def trials_by_heights(outcomes: Sequence[Outcome], geometry: Geometry, limits: T
     is the focal's error. Only where it is known well enough, and nothing else
     fixes the focal. Such candidates among ``outcomes`` are put right once more.
     """
-    if geometry.control or geometry.tilted(limits) or not geometry.strong(limits):
+    if not geometry.by_heights(limits):
         return ()
     earlier = [o for o in outcomes if o.trial.focal_source == HEIGHTS]
     return tuple(
@@ -166,7 +182,7 @@ def _veto(o: Outcome, best_px: float, flown_m: Optional[float], limits: Threshol
     if o.scale is not None and abs(o.scale.ratio - 1.0) > limits.solved_focal_sigma * o.scale.sigma:
         return (
             f"its differences of height are {1.0 / o.scale.ratio - 1.0:+.1%} off the measured ones, known to "
-            f"{o.scale.sigma:.1%}"
+            f"{o.scale.sigma:.1%} by {o.scale.by}"
         )
     if o.height_m is not None and flown_m is not None:
         allowed = max(limits.height_veto_m, limits.height_veto_ratio * flown_m) + (o.relief_m or 0.0)
@@ -201,8 +217,9 @@ def choose(
         )
     strong = geometry.strong(limits) and _certain(outcomes, open_, limits)
     bend, why_bend = _choose_distortion(outcomes, open_, surfaces, camera, strong, limits)
-    focal, why_focal = _choose_focal(outcomes, open_, bend, strong)
+    focal, why_focal = _choose_focal(outcomes, open_, bend, strong, camera, geometry, limits)
     by_heights = focal == HEIGHTS
+    by_model = by_heights and geometry.height_by == MODEL
     chosen = next(
         i for i in open_ if outcomes[i].trial.distortion_source == bend and outcomes[i].trial.focal_source == focal
     )
@@ -210,7 +227,7 @@ def choose(
     proven = bend != NONE or _known_straight(camera) or why_bend.startswith("bowing")
     free = [o for o in outcomes if o.trial.focal is None and o.trial.distortion is None]
     hold, why_hold = False, "left to be solved"
-    if fixed and proven and camera.intrinsics.focal_trusted and not by_heights:
+    if fixed and proven and (by_model or (camera.intrinsics.focal_trusted and not by_heights)):
         hold, why_hold = True, "held"
         if free and _costs_gps(outcomes[chosen], free[0], limits):
             hold, why_hold = False, "not held: it costs GPS fit against the solved camera"
@@ -289,15 +306,48 @@ def _bows_more(
     return abs(bow_a.bowing_m) - abs(bow_b.bowing_m) > limits.bowing_sigma * spread
 
 
-def _choose_focal(outcomes: Sequence[Outcome], open_: Sequence[int], bend: str, strong: bool) -> Tuple[str, str]:
-    names = [outcomes[i].trial.focal_source for i in open_ if outcomes[i].trial.distortion_source == bend]
-    if HEIGHTS in names:
-        return HEIGHTS, "measured heights: the geometry fixes the focal"
-    if strong and SOLVED in names:
+def _choose_focal(
+    outcomes: Sequence[Outcome],
+    open_: Sequence[int],
+    bend: str,
+    strong: bool,
+    camera: AlignCamera,
+    geometry: Geometry,
+    limits: Thresholds,
+) -> Tuple[str, str]:
+    """What fixes the focal, else its best source.
+
+    An elevation model refutes, and puts right what it refuted or what was
+    guessed; a trusted focal that it does not contradict stays.
+    """
+    at = {outcomes[i].trial.focal_source: i for i in open_ if outcomes[i].trial.distortion_source == bend}
+    first = next(iter(at))
+    trusted = first != SOLVED and first != HEIGHTS and camera.intrinsics.focal_trusted
+    if HEIGHTS in at and trusted and geometry.height_by == MODEL:
+        scale = outcomes[at[first]].scale
+        off = f" within {abs(1.0 / scale.ratio - 1.0):.1%}" if scale is not None else ""
+        return first, f"focal from {first}, which {MODEL} confirms{off}"
+    if HEIGHTS in at:
+        return HEIGHTS, f"measured heights ({geometry.height_by}): the geometry fixes the focal"
+    if strong and SOLVED in at:
         return SOLVED, "the geometry fixes the focal"
-    if names[0] != SOLVED:
-        return names[0], f"focal from {names[0]}"
-    return SOLVED, "focal solved"
+    why = "focal solved" if first == SOLVED else f"focal from {first}"
+    return first, why + _undecided(geometry, limits)
+
+
+def _undecided(geometry: Geometry, limits: Thresholds) -> str:
+    """Why measured heights do not choose the focal, where there are some and nothing else does."""
+    if geometry.strong(limits) or geometry.by_heights(limits):
+        return ""
+    if geometry.height_sigma is None:
+        return (
+            f" ({MODEL} cannot choose it: it has too little ground under the block)"
+            if geometry.height_by == MODEL
+            else ""
+        )
+    known = f"to {geometry.height_sigma:.1%}" if geometry.height_sigma < 1.0 else "not at all"
+    need = limits.focal_source_gap / limits.solved_focal_sigma
+    return f" ({geometry.height_by} cannot choose it: they tell the vertical scale {known}, {need:.1%} is needed)"
 
 
 def _costs_gps(held: Outcome, free: Outcome, limits: Thresholds) -> bool:
@@ -349,6 +399,7 @@ def as_candidates(
             center_ratio=(round(o.solved_center[0], 6), round(o.solved_center[1], 6)),
             height_scale=o.scale.ratio if o.scale else None,
             height_scale_sigma=o.scale.sigma if o.scale else None,
+            height_scale_by=o.scale.by if o.scale else "",
         )
         for i, o in enumerate(outcomes)
     )

@@ -1,151 +1,20 @@
-"""What measured altitudes say of a solved block's vertical: its scale, and flights that count from another zero (pure).
-
-On views straight down, heights and the focal may be scaled together without
-any image changing: heights alone fix no focal, measured differences of
-height do. Only differences count, because a receiver's altitudes are off as
-a whole from flight to flight.
-"""
+"""Flights of a solved block whose altitudes count from another zero than its other ones (pure)."""
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
-from dataclasses import dataclass, replace
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from dataclasses import replace
+from typing import Dict, List, Mapping, Sequence
 
 import numpy as np
 
 from ..thresholds import Thresholds
-from .fit import Similarity, collinear, height_above_ground, residual_fit, robust_similarity
+from .fit import Similarity, collinear, residual_fit, robust_similarity
 from .model import AlignFrame
 from .solution import UNPLACED, Array, Solution
 from .world import Ground, Rows, fit_rows, rows_of
 
 _ROUNDS = 10
-# Wider than any altitude: such an offset is free.
-_FREE_M = 1e4
-
-
-@dataclass(frozen=True)
-class VerticalScale:
-    """Measured over solved differences of height, under the horizontal scale of GPS, with its standard error."""
-
-    ratio: float
-    sigma: float
-
-
-def vertical_scale(
-    frames: Sequence[AlignFrame], solution: Solution, ground: Ground, rows: Rows, limits: Thresholds
-) -> Optional[VerticalScale]:
-    """Compare solved with measured differences of height among frames of one model.
-
-    ``None`` where the heights spread by less than ``two_heights_ratio``. A
-    flight's altitudes share an error of their receiver's spread; two flights
-    of one session, counted from one zero, that of a barometer.
-    """
-    rows = rows[ground.known[rows] & ground.vertical[rows]]
-    fit = fit_rows(solution, ground, rows) if len(rows) >= limits.min_proof_frames else None
-    if fit is None:
-        return None
-    solved = fit.points(solution.center[rows])
-    measured = ground.east_north_up[rows]
-    points = fit.points(solution.point_xyz[solution.point_model == solution.model[rows[0]]])
-    height, _ = height_above_ground(solved, points)
-    low, high = np.percentile(solved[:, 2], [5, 95])
-    if height is None or height <= 0 or high - low < limits.two_heights_ratio * height:
-        return None
-    flat, flat_sigma = _horizontal_scale(solved, measured, limits)
-    if flat <= 0:
-        return None
-    shared = _shared(frames, ground, rows, limits)
-    away = (solved - np.median(solved, axis=0)) * flat
-    design = np.stack([away[:, 2], away[:, 0], away[:, 1], np.ones(len(rows))], axis=1)
-    noise = limits.rtk_sigma_floor_m
-    values = measured[:, 2] - float(np.median(measured[:, 2]))
-    found, spread = np.zeros(4), np.zeros((4, 4))
-    for _ in range(_ROUNDS):
-        weight = np.linalg.inv(shared + noise**2 * np.eye(len(rows)))
-        spread = np.linalg.pinv(design.T @ weight @ design)
-        found = spread @ design.T @ weight @ values
-        left = values - design @ found
-        within = np.concatenate([left[members] - np.median(left[members]) for members in _by_flight(frames, rows)])
-        noise = max(limits.rtk_sigma_floor_m, 1.4826 * float(np.median(np.abs(within))))
-    ratio, sigma = float(found[0]), math.sqrt(max(float(spread[0, 0]), 0.0))
-    if not (math.isfinite(ratio) and math.isfinite(sigma)):
-        return None
-    return VerticalScale(round(ratio, 5), round(math.hypot(sigma, flat_sigma), 5))
-
-
-def _horizontal_scale(solved: Array, measured: Array, limits: Thresholds) -> Tuple[float, float]:
-    """Scale of the plan by its positions, and its standard error, both as ratios."""
-    source, target = solved[:, 0] + 1j * solved[:, 1], measured[:, 0] + 1j * measured[:, 1]
-    weight = np.ones(len(source))
-    turn, reach, miss = complex(1.0), 0.0, np.zeros(len(source))
-    for _ in range(_ROUNDS):
-        a = source - np.average(source, weights=weight)
-        b = target - np.average(target, weights=weight)
-        reach = float((weight * np.abs(a) ** 2).sum())
-        if reach <= 0:
-            return 0.0, math.inf
-        turn = complex((weight * b * np.conj(a)).sum() / reach)
-        miss = np.abs(b - turn * a)
-        scale = max(1.4826 * float(np.median(miss)), 1e-9)
-        weight = np.minimum(1.0, 1.5 * scale / np.maximum(miss, 1e-12))
-    # Per axis: a plane residual has two.
-    noise = max(limits.rtk_sigma_floor_m, float(np.sqrt(np.average(miss**2, weights=weight) / 2.0)))
-    return abs(turn), noise / (abs(turn) * math.sqrt(reach))
-
-
-def _by_flight(frames: Sequence[AlignFrame], rows: Rows) -> List[List[int]]:
-    """Places in ``rows`` of each flight's frames."""
-    found: Dict[str, List[int]] = defaultdict(list)
-    for place, row in enumerate(rows.tolist()):
-        found[frames[row].flight].append(place)
-    return [found[name] for name in sorted(found)]
-
-
-def _shared(frames: Sequence[AlignFrame], ground: Ground, rows: Rows, limits: Thresholds) -> Array:
-    """Covariance of the altitude errors that frames have in common, m^2, shape (N, N)."""
-    count = len(rows)
-    result = np.zeros((count, count))
-    flights = _by_flight(frames, rows)
-    for members in flights:
-        receiver = float(np.median([_receiver_m(frames[int(rows[i])], limits) for i in members]))
-        free = any(frames[int(rows[i])].flight in ground.offsets for i in members)
-        own = _FREE_M if free else min(receiver, limits.height_sigma_relative_m)
-        result[np.ix_(members, members)] += own**2
-    for session in _sessions(frames, rows, flights, limits):
-        members = [i for flight in session for i in flights[flight]]
-        receiver = float(np.median([_receiver_m(frames[int(rows[i])], limits) for i in members]))
-        result[np.ix_(members, members)] += receiver**2
-    return result
-
-
-def _receiver_m(frame: AlignFrame, limits: Thresholds) -> float:
-    return max(limits.rtk_sigma_floor_m, frame.sigma_m[1] if frame.sigma_m else limits.gps_sigma_vertical_m)
-
-
-def _sessions(
-    frames: Sequence[AlignFrame], rows: Rows, flights: Sequence[Sequence[int]], limits: Thresholds
-) -> List[List[int]]:
-    """Flights of one profile that follow each other without a pause: one start of the drone, one zero."""
-    spans: List[Tuple[str, float, float, int]] = []
-    result: List[List[int]] = []
-    for number, members in enumerate(flights):
-        times = [t for t in (frames[int(rows[i])].time_s for i in members) if t is not None]
-        if times:
-            spans.append((frames[int(rows[members[0]])].profile, min(times), max(times), number))
-        else:
-            result.append([number])
-    last: Optional[Tuple[str, float]] = None
-    for profile, begin, end, number in sorted(spans):
-        if last is not None and last[0] == profile and begin - last[1] <= limits.flight_gap_s:
-            result[-1].append(number)
-            last = (profile, max(last[1], end))
-        else:
-            result.append([number])
-            last = (profile, end)
-    return result
 
 
 def levelled(frames: Sequence[AlignFrame], solution: Solution, ground: Ground, limits: Thresholds) -> Ground:

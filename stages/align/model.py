@@ -75,13 +75,20 @@ class GcpMark:
 
 @dataclass(frozen=True)
 class AlignRequest:
-    """A group of frames of one spectrum that may share a project."""
+    """A group of frames of one spectrum that may share a project.
+
+    ``elevation`` is the file of an elevation model, ``""`` without one, and
+    ``elevation_level_m`` how far the positions' zero lies above its own with
+    the spread of that, ``None`` where nothing measured it.
+    """
 
     name: str
     frames: Tuple[AlignFrame, ...]
     cameras: Tuple[AlignCamera, ...]
     gcps: Tuple[GcpMark, ...] = ()
     luts: Tuple[Lut, ...] = ()
+    elevation: str = ""
+    elevation_level_m: Optional[Tuple[float, float]] = None
 
 
 @dataclass(frozen=True)
@@ -180,8 +187,8 @@ class Candidate:
     """One calibration tried on the same matches, with what it cost and how it fared.
 
     ``height_scale`` is measured over solved differences of height under the
-    horizontal scale of GPS, with its standard error; ``None`` without heights
-    that differ.
+    horizontal scale of GPS, with its standard error and what measured them;
+    ``None`` without heights that differ.
     """
 
     profile: str
@@ -201,6 +208,7 @@ class Candidate:
     center_ratio: Tuple[float, float] = (0.0, 0.0)
     height_scale: Optional[float] = None
     height_scale_sigma: Optional[float] = None
+    height_scale_by: str = ""
 
 
 @dataclass(frozen=True)

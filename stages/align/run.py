@@ -36,6 +36,7 @@ from .model import (
 from .pairs import PairPlan, plan_pairs
 from .prepare import build_job, focal_over_side, rung_max_dim, sorted_request
 from .solution import UNPLACED, Job, Retrieval, Solution
+from .terrain import terrain_of
 from .world import Ground, ground_of
 
 ENGINES = ("pycolmap", "colmap")
@@ -78,6 +79,7 @@ def align_once(
         raise UsageError(f"{request.name}: there is no frame to align.")
     side = max_dim or rung_max_dim(rung, thresholds)
     ground = ground_of(request.frames, request.cameras, side, thresholds, request.gcps)
+    ground = replace(ground, terrain=terrain_of(request, ground.origin, thresholds))
     plan = plan_pairs(request.frames, request.cameras, thresholds)
     job = build_job(request, plan, rung, side, thread_count(), thresholds, extra)
     if start is not None:

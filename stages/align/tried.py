@@ -15,10 +15,10 @@ from . import worker
 from .calibrate import Geometry, Outcome, Trial, setting_for
 from .control import Lay, lay_by_control
 from .fit import bowing, height_above_ground, residual_fit
-from .heights import vertical_scale
 from .model import AlignCamera, AlignRequest, Bowing
 from .prepare import center_over_side, focal_over_side
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
+from .vertical import FLYING, MODEL, vertical_scale
 from .world import Ground, Rows, fit_rows
 
 
@@ -203,4 +203,6 @@ def geometry_of(
     tilt = np.degrees(np.arccos(np.clip(-views[:, 2], -1.0, 1.0)))
     oblique = float((tilt > limits.oblique_view_deg).mean())
     scale = vertical_scale(request.frames, solution, ground, kept, limits)
-    return Geometry(round(oblique, 4), control, None if scale is None else scale.sigma)
+    if scale is None:
+        return Geometry(round(oblique, 4), control, None, MODEL if ground.terrain is not None else FLYING)
+    return Geometry(round(oblique, 4), control, scale.sigma, scale.by)

@@ -19,6 +19,7 @@ from .fit import Similarity, collinear, robust_similarity
 from .images import working_size
 from .model import AlignCamera, AlignFrame, GcpMark
 from .solution import UNPLACED, Array, Solution
+from .terrain import Terrain
 
 Rows = npt.NDArray[np.int64]
 
@@ -31,7 +32,9 @@ class Ground:
     right model's centres show against them: the receiver's and the free
     network's own. ``vertical`` (N,) says whose altitude is a measurement.
     ``control`` has the places of ground points by id in the same frame,
-    ``offsets`` by flight what was taken off its altitudes.
+    ``offsets`` by flight what was taken off its altitudes, ``terrain`` the
+    ground by an elevation model. ``origin`` is the frame's zero: latitude,
+    longitude, altitude.
     """
 
     east_north_up: Array
@@ -39,6 +42,8 @@ class Ground:
     vertical: npt.NDArray[np.bool_]
     control: Mapping[str, Array] = field(default_factory=dict)
     offsets: Mapping[str, float] = field(default_factory=dict)
+    terrain: Optional[Terrain] = None
+    origin: Optional[Tuple[float, float, float]] = None
 
     @property
     def known(self) -> npt.NDArray[np.bool_]:
@@ -68,9 +73,11 @@ def ground_of(
         points.setdefault(mark.point, (mark.latitude, mark.longitude, mark.altitude_m))
     spots = np.asarray([points[n] for n in points], dtype=float).reshape(-1, 3)
     control: Dict[str, Array] = {}
+    zero: Optional[Tuple[float, float, float]] = None
     if rows or points:
         # The median of each coordinate: one wrong position does not tilt the frame.
         origin = np.median(measured if rows else spots, axis=0)
+        zero = (float(origin[0]), float(origin[1]), float(origin[2]))
         places[rows] = enu(measured, origin)
         control = dict(zip(points, enu(spots, origin)))
     receiver = np.asarray([f.sigma_m or _default_sigma(limits) for f in frames], dtype=float).reshape(-1, 2)
@@ -83,7 +90,7 @@ def ground_of(
             altitude[frame.flight].append(frame.position[2])
     flat = {flight for flight, values in altitude.items() if all(v == 0.0 for v in values)}
     vertical = np.asarray([f.position is not None and f.flight not in flat for f in frames], dtype=bool)
-    return Ground(places, sigma, vertical, control)
+    return Ground(places, sigma, vertical, control, origin=zero)
 
 
 def _working_gsd_m(

@@ -13,9 +13,9 @@ from sensorgate.stages.align.calibrate import (
     trials_for,
 )
 from sensorgate.stages.align.candidates import flown_height
-from sensorgate.stages.align.heights import VerticalScale
 from sensorgate.stages.align.model import AlignCamera, Bowing
 from sensorgate.stages.align.solution import CameraSetting
+from sensorgate.stages.align.vertical import VerticalScale
 from sensorgate.stages.intrinsics import Intrinsics
 from sensorgate.stages.thresholds import DEFAULTS
 

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sensorgate.stages.align.heights import levelled, vertical_scale
+from sensorgate.stages.align.heights import levelled
 from sensorgate.stages.align.judge import PASS, judge
 from sensorgate.stages.align.measure import measure
 from sensorgate.stages.align.pairs import plan_pairs
+from sensorgate.stages.align.vertical import vertical_scale
 from sensorgate.stages.align.world import ground_of
 from sensorgate.stages.thresholds import DEFAULTS
 
