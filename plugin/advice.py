@@ -14,7 +14,12 @@ def advice(
     projects: Sequence[Tuple[str, str, int, ProvenGroup]], has_gcp: bool, limits: Thresholds
 ) -> Tuple[Finding, ...]:
     """Advice on written projects: each is its name, spectrum, piece of ground and what was proven of it."""
-    return (*_bowed(projects, limits), *_joined_pairwise(projects, has_gcp), *_alone_beside_the_anchor(projects))
+    return (
+        *_bowed(projects, limits),
+        *_joined_pairwise(projects, has_gcp),
+        *_alone_beside_the_anchor(projects),
+        *_shifted(projects, has_gcp),
+    )
 
 
 def _bowed(projects: Sequence[Tuple[str, str, int, ProvenGroup]], limits: Thresholds) -> Iterator[Finding]:
@@ -37,16 +42,28 @@ def _bowed(projects: Sequence[Tuple[str, str, int, ProvenGroup]], limits: Thresh
 
 
 def _joined_pairwise(projects: Sequence[Tuple[str, str, int, ProvenGroup]], has_gcp: bool) -> Iterator[Finding]:
-    for name, _, _, group in projects:
-        if group.route == PAIRWISE:
-            yield Finding(
-                code="joined-pairwise",
-                severity=INFO,
-                subjects=(name,),
-                message=f"The payloads of {name} held together only after they were joined one by one.",
-                remedy="Where this happens again and again, fly the payloads over common targets with more overlap"
-                + ("." if has_gcp else " and give ground control (--gcp)."),
-            )
+    """Pairwise joining is a rescue; where it is chosen again and again the flights want changing."""
+    joined = tuple(name for name, _, _, group in projects if group.route == PAIRWISE)
+    control = "." if has_gcp else " and give ground control (--gcp)."
+    if len(joined) > 1:
+        yield Finding(
+            code="joined-pairwise",
+            severity=WARNING,
+            subjects=joined,
+            message=f"The payloads of {len(joined)} projects held together only after they were joined one by one.",
+            remedy="That is the flights' doing, not one bad frame's: fly the payloads over common targets, with more "
+            f"overlap and at closer heights{control}",
+            measured=float(len(joined)),
+        )
+    elif joined:
+        yield Finding(
+            code="joined-pairwise",
+            severity=INFO,
+            subjects=joined,
+            message=f"The payloads of {joined[0]} held together only after they were joined one by one.",
+            remedy="Where this happens again and again, fly the payloads over common targets with more overlap"
+            + control,
+        )
 
 
 def _alone_beside_the_anchor(projects: Sequence[Tuple[str, str, int, ProvenGroup]]) -> Iterator[Finding]:
@@ -68,4 +85,27 @@ def _alone_beside_the_anchor(projects: Sequence[Tuple[str, str, int, ProvenGroup
                 message=f"{name} reconstructs by itself over the ground of {anchor}, but does not fit its model.",
                 remedy=f"Run {anchor} first and give its surface model or point cloud to {name} with ODM's align "
                 "option, so that both lie in one frame of reference.",
+            )
+
+
+def _shifted(projects: Sequence[Tuple[str, str, int, ProvenGroup]], has_gcp: bool) -> Iterator[Finding]:
+    """Payloads whose shape fits their project's model and whose positions do not: they would not lie together alone."""
+    for name, _, _, group in projects:
+        report = group.alignment
+        for payload in report.payloads if report is not None else ():
+            offset = payload.gps_offset_m
+            if report is None or offset is None or group.route not in (PROCEED, PAIRWISE):
+                continue
+            ways = zip(offset, ("east", "north", "up"))
+            control = "" if has_gcp else "give ground control (--gcp), "
+            yield Finding(
+                code="positions-shifted",
+                severity=WARNING,
+                subjects=(payload.payload, name),
+                message=f"The frames of {payload.payload} fit the model of {name}, but their positions lie "
+                f"{', '.join(f'{v:+.1f} m {way}' for v, way in ways)} of where {report.anchor} puts them. ODM believes "
+                "both and lays the block between them.",
+                remedy=f"Give right positions (--geo), {control}or run {payload.payload} by itself and lay it on the "
+                f"result of {report.anchor} with ODM's align option.",
+                measured=round(max(abs(v) for v in offset), 2),
             )

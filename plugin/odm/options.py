@@ -110,7 +110,7 @@ def _wanted(needs: OptionNeeds) -> List[Option]:
 
 
 def options_for(needs: OptionNeeds, option_list: Optional[OptionList] = None) -> Tuple[Option, ...]:
-    """The options of a project, by name; only such as ``option_list`` (default: ODM 3.6.0) has.
+    """The options of a project, by name; only such as ``option_list`` (default: ODM 3.6.0) has and would take.
 
     Never ``use-exif`` (it throws the ground control away), never
     ``sfm-algorithm planar`` (it takes one camera for all frames), never
@@ -118,8 +118,9 @@ def options_for(needs: OptionNeeds, option_list: Optional[OptionList] = None) ->
     cameras file that covers every camera: ODM would hold the rest at zero
     distortion.
     """
-    known = set(option_names(odm_3_6_options() if option_list is None else option_list))
-    return tuple(sorted((o for o in _wanted(needs) if o.name in known), key=lambda o: o.name))
+    wanted = _wanted(needs)
+    refused = {p.name for p in validate(wanted, odm_3_6_options() if option_list is None else option_list)}
+    return tuple(sorted((o for o in wanted if o.name not in refused), key=lambda o: o.name))
 
 
 def as_node_options(options: Sequence[Option]) -> List[Dict[str, OptionValue]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sensorgate.plugin.advice import advice
-from sensorgate.stages.align.model import AlignmentReport, Bowing, GpsFit
+from sensorgate.stages.align.model import AlignmentReport, Bowing, GpsFit, PayloadAlignment
 from sensorgate.stages.proven import ISOLATE, PAIRWISE, PROCEED, UNPROVEN, ProvenGroup
 from sensorgate.stages.thresholds import DEFAULTS
 
@@ -44,3 +44,24 @@ def test_what_stands_alone_over_proven_ground_is_aligned_to_the_largest():
     assert found.subjects == ("p0",) and "p2" in found.remedy
     assert codes(group(ISOLATE, 8), group(), area=(2, 1)) == {}
     assert codes(replace(group(ISOLATE, 8), alignment=None), group()) == {}
+
+
+def test_pairwise_again_and_again_is_a_warning_about_the_flights():
+    found = list(advice([(n, "rgb", 1, group(PAIRWISE)) for n in ("a", "b")], False, DEFAULTS))
+    assert [(f.code, f.severity, f.subjects) for f in found] == [("joined-pairwise", "warning", ("a", "b"))]
+    assert "--gcp" in found[0].remedy and "overlap" in found[0].remedy
+
+
+def test_positions_that_lie_apart_are_said_with_the_way_to_lay_them_together():
+    fit = GpsFit(20)
+    payloads = (
+        PayloadAlignment("a", 20, 20, 20, 0.4, fit, fit, verdict="pass"),
+        PayloadAlignment("b", 20, 20, 20, 0.4, fit, fit, verdict="pass", gps_offset_m=(30.2, -1.0, 0.4)),
+    )
+    shifted = group()
+    shifted = replace(shifted, alignment=replace(shifted.alignment, payloads=payloads))
+    found = codes(shifted)["positions-shifted"]
+    assert found.subjects == ("b", "p0") and found.measured == 30.2
+    assert "+30.2 m east" in found.message and "align" in found.remedy and "--gcp" in found.remedy
+    assert "--gcp" not in codes(shifted, has_gcp=True)["positions-shifted"].remedy
+    assert codes(replace(shifted, route=UNPROVEN)) == {}

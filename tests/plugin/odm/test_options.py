@@ -87,6 +87,15 @@ def test_whatever_the_verdict_the_stack_takes_every_option(needs: OptionNeeds) -
     assert options_for(needs, []) == ()
 
 
+def test_a_value_that_the_stack_would_refuse_is_not_emitted() -> None:
+    needs = OptionNeeds(radiometry_applied=True, gps_accuracy_m=0.03)
+    old = [
+        {"name": "radiometric-calibration", "type": "enum", "domain": ["none"]},
+        {"name": "gps-accuracy", "type": "float", "domain": "positive float"},
+    ]
+    assert [o.name for o in options_for(needs, old)] == ["gps-accuracy"]
+
+
 def test_the_list_holds_odm_3_6() -> None:
     known = option_names(odm_3_6_options())
     assert "use-fixed-camera-params" in known
