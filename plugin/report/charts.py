@@ -28,7 +28,7 @@ def match_graph(found: Mapping[str, Any], least: float, colour: Colours) -> str:
     nodes = sorted({p[end] for p in pairs for end in ("a", "b")})
     if not 2 <= len(nodes) <= MOST_NODES:
         return ""
-    height = 150.0 if len(nodes) == 2 else 280.0
+    height = 124.0 if len(nodes) == 2 else 280.0
     middle, reach = (WIDTH / 2, height / 2 - 8), (98.0 if len(nodes) < 4 else 112.0, height / 2 - 50)
     turn = math.pi if len(nodes) == 2 else -math.pi / 2
     at = {

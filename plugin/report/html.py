@@ -39,6 +39,9 @@ ROUTE_ADVICE = {
 }
 
 
+_ROUTES = tuple(ROUTE_ADVICE)
+
+
 def render(report: Mapping[str, Any], previews: Mapping[str, bytes] = {}) -> str:
     """Turn a report into one HTML document.
 
@@ -105,7 +108,7 @@ def _context(view: View) -> Dict[str, Any]:
         "rows": view.payload_rows(),
         "colour": {p: svg.colour_class(i) for p, i in charts.colours(view).items()},
         "layer": charts.colours(view),
-        "projects": [_project(view, s) for s in report["subprojects"]],
+        "projects": [_project(view, s) for s in sorted(report["subprojects"], key=lambda s: _ROUTES.index(s["route"]))],
         "groups": groups[:MOST_GROUPS],
         "groups_more": len(groups) - len(groups[:MOST_GROUPS]),
         "severities": [(s, sum(g.count for g in groups if g.severity == s)) for s in ("error", "warning", "info")],

@@ -48,23 +48,28 @@ def split_sites(spots: Sequence[Spot]) -> List[List[int]]:
     return sorted((g for g, _ in groups), key=lambda g: (-len(g), g[0]))
 
 
-def belongs(spot: Spot, site: Sequence[Spot]) -> bool:
-    """The spot is no farther from the site than two parts of one site may be."""
-    box = _box(site, site[0][1])
-    return _gap(_box([spot], site[0][1]), box) <= max(LEAST_GAP_M, _length(box))
+class Site:
+    """The positions of one site as a box, to ask what lies near it."""
 
+    def __init__(self, spots: Sequence[Spot]) -> None:
+        self._origin = spots[0][1]
+        self._box = _box(spots, self._origin)
+        self._reach_m = max(LEAST_GAP_M, _length(self._box))
 
-def bearing_words(start: Sequence[Spot], end: Sequence[Spot]) -> str:
-    """``3.1 km north-east``: where the middle of one site lies from the middle of another."""
-    a, b = _box(start, start[0][1]), _box(end, start[0][1])
-    (south, west), (north, east) = _middle(a), _middle(b)
-    up = (north - south) * METRES_PER_DEGREE
-    right = turned(east, west) * METRES_PER_DEGREE * narrowing((south + north) / 2)
-    metres = math.hypot(up, right)
-    wind = _WINDS[round(math.degrees(math.atan2(right, up)) / 45.0) % 8]
-    return (
-        f"{metres / 1000:,.{1 if metres < 100_000 else 0}f} km {wind}" if metres >= 1000 else f"{metres:.0f} m {wind}"
-    )
+    def __contains__(self, spot: Spot) -> bool:
+        """The spot is no farther from the site than two parts of one site may be."""
+        return _gap(_box([spot], self._origin), self._box) <= self._reach_m
+
+    def words_from(self, start: "Site") -> str:
+        """``3.1 km north-east``: where the middle of this site lies from the middle of another."""
+        (south, west), (north, east) = _middle(start._box), _middle(self._box)
+        up = (north - south) * METRES_PER_DEGREE
+        right = turned(self._origin + east, start._origin + west) * METRES_PER_DEGREE * narrowing((south + north) / 2)
+        metres = math.hypot(up, right)
+        wind = _WINDS[round(math.degrees(math.atan2(right, up)) / 45.0) % 8]
+        if metres < 1000:
+            return f"{metres:.0f} m {wind}"
+        return f"{metres / 1000:,.{1 if metres < 100_000 else 0}f} km {wind}"
 
 
 def _groups(spots: Sequence[Spot], origin: float) -> List[List[int]]:

@@ -13,7 +13,7 @@ from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple
 
 from . import svg
 from .plane import Plane, Size, has_position
-from .sites import Spot, bearing_words, belongs, split_sites
+from .sites import Site, Spot, split_sites
 from .view import View, listing, plural
 
 MOST_SITES = 6
@@ -53,24 +53,26 @@ def survey_map(view: View) -> SurveyMap:
     others = [f for f in placed if f["reason"]] if anchors is not placed else []
     drawn = [s for n, s in enumerate(sites) if not n or len(s) >= LEAST_FRAMES][:MOST_SITES]
     lone = [s for s in sites if all(s is not d for d in drawn)]
-    anchor = [_spot(f) for f in sites[0]]
+    anchor = _site(sites[0])
     covered: Set[str] = set()
     panels = []
     for number, site in enumerate(drawn):
-        spots = [_spot(f) for f in site]
-        near = [f for f in others if f["path"] not in covered and belongs(_spot(f), spots)]
+        around = _site(site)
+        near = [f for f in others if f["path"] not in covered and _spot(f) in around]
         covered.update(f["path"] for f in (*site, *near))
         name = f"Site {number + 1}" if len(sites) > 1 else "Survey"
-        where = f", {bearing_words(anchor, spots)} of site 1" if number else ""
+        where = f", {around.words_from(anchor)} of site 1" if number else ""
         panels.append(_draw(view, site, near, f"{name}{where}", PANEL if len(drawn) > 1 else WHOLE))
-    notes = [
-        f"{plural(len(s), 'frame')} {bearing_words(anchor, [_spot(f) for f in s])} of site 1" for s in lone[:MOST_SITES]
-    ]
+    notes = [f"{plural(len(s), 'frame')} {_site(s).words_from(anchor)} of site 1" for s in lone[:MOST_SITES]]
     lacking = len(view.report["frames"]) - len(placed)
     away = len(placed) - len(covered) - sum(len(s) for s in lone[:MOST_SITES])
     notes += [f"{plural(away, 'frame')} far away from the rest"] if away else []
     notes += [f"{plural(lacking, 'frame')} without a position"] if lacking else []
     return SurveyMap(tuple(panels), f"Not drawn: {listing(notes, len(notes))}." if notes else "")
+
+
+def _site(frames: Sequence[Frame]) -> Site:
+    return Site([_spot(f) for f in frames])
 
 
 def _spot(frame: Frame) -> Spot:

@@ -164,9 +164,9 @@ def test_ten_thousand_frames_stay_small_and_quick() -> None:
         {**report["findings"][0], "code": "odd-frame", "subjects": [f["path"]], "message": f"{f['path']} is odd."}
         for f in report["frames"]
     ]
-    start = time.perf_counter()
+    start = time.process_time()
     page = render(report)
-    assert time.perf_counter() - start < 20.0
+    assert time.process_time() - start < 10.0
     assert len(page.encode("utf-8")) < 3_000_000
     assert Page(page).open == []
 

@@ -34,7 +34,7 @@ def moved(report: Dict[str, Any], payload: str, north_m: float) -> Dict[str, Any
 def test_two_blocks_a_few_kilometres_apart_are_two_sites() -> None:
     spots = block(47.2, 8.7) + block(47.2, 8.74, side=3)
     assert [len(s) for s in sites.split_sites(spots)] == [16, 9]
-    assert sites.bearing_words(spots[:16], spots[16:]) == "3.0 km east"
+    assert sites.Site(spots[16:]).words_from(sites.Site(spots[:16])) == "3.0 km east"
 
 
 def test_two_flights_of_one_long_corridor_are_one_site() -> None:
@@ -44,7 +44,10 @@ def test_two_flights_of_one_long_corridor_are_one_site() -> None:
 
 
 def test_a_site_on_the_date_line_is_one() -> None:
-    assert len(sites.split_sites([*block(-33.0, 179.9995), (-33.0, -179.9995)])) == 1
+    west = block(-33.0, 179.9975)
+    assert len(sites.split_sites([*west, (-33.0, -179.9995)])) == 1
+    assert (-33.0, -179.9995) in sites.Site(west) and (-33.0, -179.9) not in sites.Site(west)
+    assert sites.Site([(-33.0, -179.9)]).words_from(sites.Site(west)).endswith(" km east")
 
 
 @settings(max_examples=60, deadline=None)
