@@ -244,7 +244,7 @@ def needs() -> Iterator[OptionNeeds]:
 
 def test_the_conditions_of_the_options_are_the_code_s():
     rows = option_rows()
-    stack = [*odm_3_6_options(), {"name": "force-gcp"}]
+    stack = [*odm_3_6_options(), {"name": "force-gcp", "type": "bool", "domain": None}]
     valued = {name for name, value, _ in rows if value}
     emitted: Set[Tuple[str, str]] = set()
     for need in needs():
