@@ -14,16 +14,20 @@
     panel: BASE.concat("headers.js", "others.js", "check.js", "upload.js", "dock.js", "verdict.js", "panel.js"),
     task: BASE.concat("dock.js", "task.js")
   };
-  var FORMS = ".new-task-panel, .import-task-panel, .import-external-panel, .upload-progress-bar";
+  var FORMS = ".new-task-panel, .edit-task-panel, .import-task-panel, .import-external-panel, .upload-progress-bar";
 
   sensorgate.base = address.pathname.replace(/[^/]*$/, "");
   sensorgate.api = sensorgate.base.replace(/\/plugins\/([^/]+)\/$/, "/api/plugins/$1/");
   // What WebODM tells of a project when it draws it: {project id: called when tasks were added}.
   sensorgate.taskAdded = {};
 
-  /* Have WebODM read a project's tasks anew. That closes its form: not while somebody fills that in. */
+  /* Have WebODM read a project's tasks anew. That closes its forms: not while somebody fills one in. */
   sensorgate.refresh = function (project, item) {
-    if (sensorgate.taskAdded[project] && !(item && item.querySelector(FORMS))) sensorgate.taskAdded[project]();
+    if (!sensorgate.taskAdded[project] || item.querySelector(FORMS)) return;
+    // A row keeps what it knew of its task as long as its list is open: the list is closed and opened.
+    var toggle = item.querySelector(".task-list") && item.querySelector(".project-links .fa-tasks + a");
+    if (toggle) [1, 2].forEach(function () { toggle.click(); });
+    sensorgate.taskAdded[project]();
   };
 
   var fetched = {};
