@@ -9,7 +9,9 @@ from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 from ...stages.errors import SensorgateError
 from ...stages.harmonize.model import untouched
 from ...stages.route import ISOLATE, PAIRWISE, PROCEED
+from ...stages.rules.text import plural
 from ..inspection import Inspection
+from ..odm.camera_id import file_key
 from ..odm.names import mask_name
 from ..odm.options import as_node_options, options_for
 from ..odm.outcome import read_outcome
@@ -17,17 +19,21 @@ from ..submit.judge import STOP, Judgement, judge_console
 from ..submit.parcel import Item, Parcel
 from ..submit.reroute import Part, plan
 from . import records, tasks
+from .naming import Names
 from .proposal import Proposal, Proposed, control_for
 from .verdict import headline
 
 FAILED, COMPLETED = 30, 40
+UNREADABLE = "unreadable"
 _CONSOLE_LINES = 20_000
 _WORDS = {
     PROCEED: "It came out as it should.",
     PAIRWISE: "The frames did not hold together as one block.",
     ISOLATE: "Its payloads belong into tasks of their own.",
     STOP: "No other way of sorting the frames would help.",
-    "unproven": "Nothing shows that the result is right.",
+    UNREADABLE: "WebODM keeps nothing of this task that could be judged.",
+    "unproven": "Nothing speaks against this result, but what WebODM keeps of it does not prove that it is right: "
+    "compare a few distances or points that you know.",
 }
 
 
@@ -38,16 +44,35 @@ def judge_task(task: Any) -> Judgement:
             told = read_outcome(Path(task.assets_path()))
         except (SensorgateError, OSError, ValueError, KeyError, TypeError) as error:
             said = str(error).replace(task.assets_path(), "the folder of its results")
-            return Judgement("unproven", (f"Its products cannot be judged: {said}",))
+            return Judgement(UNREADABLE, (f"Its products cannot be judged: {said}",))
         if getattr(told, "state", "") == "failed":
             return Judgement(STOP, tuple(told.reasons))
-        return Judgement(str(told.route), tuple(str(r) for r in told.reasons))
+        if told.alignment is None:
+            return Judgement(UNREADABLE, tuple(str(r) for r in told.reasons))
+        placed = _placed(told.registered, told.frames)
+        return Judgement(str(told.route), (placed, *(str(r) for r in told.reasons)))
     text = str(task.console.output() or "")
     return judge_console(text.rstrip().split("\n")[-_CONSOLE_LINES:], str(task.last_error or ""))
 
 
+def _placed(registered: int, frames: int) -> str:
+    return f"{registered} of {plural(frames, 'frame')} found their place."
+
+
 def with_gate(judgement: Judgement, inspection: Inspection, proposal: Proposal) -> Judgement:
-    """What went wrong without a known cause is put down to frames that do not belong together, where they do not."""
+    """What went wrong without a known cause is put down to frames that do not belong together, where they do not.
+
+    Cameras are called as everywhere in WebODM, not by ODM's ids.
+    """
+    names = Names(inspection.survey)
+    payload = {f.path: f.payload for f in inspection.survey.frames}
+    ids = {file_key(i): names.payload(payload[p]) for p, i in inspection.prediction.camera_ids.items() if p in payload}
+    said = []
+    for reason in judgement.reasons:
+        for key in sorted(ids, key=lambda k: (-len(k), k)):
+            reason = reason.replace(key, ids[key])
+        said.append(names.plain(reason))
+    judgement = Judgement(judgement.route, tuple(said))
     if judgement.route == PROCEED or len(proposal.tasks) < 2:
         return judgement
     return Judgement(ISOLATE, (*judgement.reasons, headline(inspection, proposal)))
@@ -111,9 +136,22 @@ def _proposed(part: Part, inspection: Inspection) -> Proposed:
     )
 
 
-def told(task: Any, judgement: Judgement, parts: Sequence[Proposed]) -> Dict[str, Any]:
+def anchors_of(task: Any, parts: Sequence[Proposed], inspection: Inspection) -> Dict[str, Any]:
+    """Key of a part -> the finished task that it can be laid on, for the parts that lie over its ground."""
+    found = {p.key: tasks.anchor_for(task, _ground(inspection, p.frames)) for p in parts}
+    return {key: anchor for key, anchor in found.items() if anchor is not None}
+
+
+def _ground(inspection: Inspection, frames: Sequence[str]) -> Sequence[Tuple[float, float]]:
+    """(longitude, latitude) of frames that have a position."""
+    wanted = set(frames)
+    files = [f for f in inspection.survey.files if f.path in wanted]
+    return [(f.longitude, f.latitude) for f in files if f.longitude is not None and f.latitude is not None]
+
+
+def told(task: Any, judgement: Judgement, parts: Sequence[Proposed], inspection: Inspection) -> Dict[str, Any]:
     """The judgement as the API says it."""
-    anchor = tasks.anchor_for(task) if parts else None
+    anchor = tasks.anchor_for(task, _ground(inspection, [p for part in parts for p in part.frames])) if parts else None
     return {
         "route": judgement.route,
         "message": _WORDS.get(judgement.route, ""),
@@ -123,8 +161,8 @@ def told(task: Any, judgement: Judgement, parts: Sequence[Proposed]) -> Dict[str
     }
 
 
-def remember(task: Any, judgement: Judgement, parts: Sequence[Proposed]) -> Dict[str, Any]:
+def remember(task: Any, judgement: Judgement, parts: Sequence[Proposed], inspection: Inspection) -> Dict[str, Any]:
     """Keep the judgement in the task's record."""
     record: Mapping[str, Any] = records.load(task.pk) or {}
-    said = told(task, judgement, parts)
+    said = told(task, judgement, parts, inspection)
     return records.change(task.pk, state=record.get("state", records.NONE), judgement=said)

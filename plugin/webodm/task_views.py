@@ -106,14 +106,14 @@ def _split(task: Any, user: Any, data: Mapping[str, Any]) -> None:
         raise Conflict("All of its images belong into one task; there is nothing to take apart.")
     if not parts:
         raise Conflict("None of its images can be used for a survey.")
-    anchor = tasks.anchor_for(task) if data.get("align") is True else None
-    tasks.split(task, [(Path(task.task_path()), part) for part in parts], anchor)
+    anchors = judging.anchors_of(task, parts, inspection) if data.get("align") is True else {}
+    tasks.split(task, [(Path(task.task_path()), part) for part in parts], anchors)
 
 
 def _judge(task: Any, user: Any, data: Mapping[str, Any]) -> None:
     inspection, proposal = checking.look(task)
     judgement = judging.with_gate(judging.judge_task(task), inspection, proposal)
-    judging.remember(task, judgement, judging.parts_of(task, judgement, inspection, proposal))
+    judging.remember(task, judgement, judging.parts_of(task, judgement, inspection, proposal), inspection)
 
 
 def _prepare(task: Any, user: Any, data: Mapping[str, Any]) -> None:

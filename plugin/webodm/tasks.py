@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ...stages.record import write_text
+from ...stages.route import ISOLATE, PAIRWISE, PROCEED
 from ...stages.rules.text import listed, plural
 from ..odm.folder import EXTENSIONS, extension
 from ..odm.wire import POLICY_FOR_HARMONIZED, POLICY_OPTION
@@ -19,6 +20,7 @@ _CANCELED = 50
 _COMPLETED = 40
 _TEXTS = (GCP_FILE, GEO_FILE)
 LAZ = "georeferenced_model.laz"
+NO_ANCHORS: Mapping[str, Any] = {}
 ANY_NODE: Mapping[str, Any] = {"auto": True, "node": None}
 
 
@@ -91,11 +93,13 @@ def keep_back(task: Any, state: str, message: str, **more: Any) -> None:
     type(task).objects.filter(pk=task.pk).update(last_error=message)
 
 
-def split(task: Any, parts: Sequence[Tuple[Path, Proposed]], anchor: Any = None) -> List[Dict[str, Any]]:
+def split(
+    task: Any, parts: Sequence[Tuple[Path, Proposed]], anchors: Mapping[str, Any] = NO_ANCHORS
+) -> List[Dict[str, Any]]:
     """One task per part beside the old one, with its files linked out of its folder; the old one stays as it is.
 
     The parts' options are laid under the user's own. Where one part cannot be
-    created, none is.
+    created, none is. ``anchors`` is key of a part -> the finished task to lay it on.
     """
     from app.models import Task
     from worker.tasks import process_task
@@ -105,7 +109,7 @@ def split(task: Any, parts: Sequence[Tuple[Path, Proposed]], anchor: Any = None)
     created: List[Any] = []
     try:
         for folder, part in parts:
-            created.append(_create(Task, task, folder, part, wish, anchor))
+            created.append(_create(Task, task, folder, part, wish, anchors.get(part.key)))
     except BaseException:
         for new in created:
             new.delete()
@@ -215,8 +219,28 @@ def link(source: Path, target: Path) -> None:
         shutil.copy2(source, target)
 
 
-def anchor_for(task: Any) -> Optional[Any]:
-    """The finished task of the project that others can be laid on: the one with most images."""
+def anchor_for(task: Any, ground: Sequence[Tuple[float, float]]) -> Optional[Any]:
+    """The finished task of the project that others can be laid on: the one with most images over the same ground.
+
+    ``ground`` are (longitude, latitude) of the frames. What the router found
+    wanting, or what was taken apart, is nothing to lay others on.
+    """
     done = type(task).objects.filter(project=task.project, status=_COMPLETED).exclude(pk=task.pk)
-    fit = [t for t in done if LAZ in (t.available_assets or [])]
+    fit = [t for t in done if LAZ in (t.available_assets or []) and _over(t, ground)]
+    known = records.of_tasks([t.pk for t in fit])
+    fit = [t for t in fit if _sound(known.get(str(t.pk), {}))]
     return max(fit, key=lambda t: (t.images_count, str(t.id))) if fit else None
+
+
+def _sound(record: Mapping[str, Any]) -> bool:
+    route = (record.get("judgement") or {}).get("route", PROCEED)
+    return record.get("state") != records.SPLIT and route not in (PAIRWISE, ISOLATE)
+
+
+def _over(task: Any, ground: Sequence[Tuple[float, float]]) -> bool:
+    """Whether a task's products lie over this ground; one whose extent WebODM does not know may."""
+    extent = getattr(task, "dsm_extent", None) or getattr(task, "orthophoto_extent", None)
+    if extent is None or not ground:
+        return extent is None
+    west, south, east, north = extent.extent
+    return any(west <= x <= east and south <= y <= north for x, y in ground)

@@ -240,11 +240,12 @@ def test_a_failed_task_of_two_cameras_is_judged_and_laid_on_the_anchor(project, 
     inspection, proposal = checking.look(task)
     judgement = judging.with_gate(judging.judge_task(task), inspection, proposal)
     parts = judging.parts_of(task, judgement, inspection, proposal)
-    told = judging.remember(task, judgement, parts)["judgement"]
+    told = judging.remember(task, judgement, parts, inspection)["judgement"]
     assert told["route"] == "isolate" and len(told["tasks"]) == 2 and told["anchor"]["id"] == str(anchor.pk)
     from pathlib import Path
 
-    tasks.split(task, [(Path(task.task_path()), part) for part in parts], tasks.anchor_for(task))
+    anchors = judging.anchors_of(task, parts, inspection)
+    tasks.split(task, [(Path(task.task_path()), part) for part in parts], anchors)
     new = Task.objects.filter(status=None)
     assert new.count() == 2 and all("align.laz" in t.scan_images() for t in new)
     assert again(task).status == 30
@@ -290,7 +291,7 @@ def test_a_finished_task_whose_products_say_nothing_is_unproven_and_left_alone(p
     os.makedirs(task.assets_path("odm_report"))
     inspection, proposal = checking.look(task)
     judgement = judging.with_gate(judging.judge_task(task), inspection, proposal)
-    assert judgement.route in ("unproven", "stop") and judgement.reasons
+    assert judgement.route in ("unreadable", "stop") and judgement.reasons
     assert judging.parts_of(task, judgement, inspection, proposal) == ()
 
 
@@ -465,3 +466,20 @@ def test_files_that_are_no_photos_go_along_or_are_named(project, frames):
     for told in record["tasks"]:
         names = Task.objects.get(pk=told["id"]).scan_images()
         assert "align.laz" in names and not {"flight.MP4", "image_groups.txt"} & set(names)
+
+
+def test_only_a_sound_result_over_the_same_ground_is_an_anchor(project, frames, monkeypatch):
+    task = uploaded(project, frames["one"], status=30)
+    anchor = Task.objects.create(
+        project=project, status=40, images_count=9, available_assets=["georeferenced_model.laz"]
+    )
+    here, elsewhere = [(8.0, 46.0)], [(9.0, 46.0)]
+
+    class Extent:
+        extent = (7.99, 45.99, 8.01, 46.01)
+
+    assert tasks.anchor_for(task, elsewhere) == anchor  # WebODM knows nothing of where it lies
+    monkeypatch.setattr(Task, "dsm_extent", Extent, raising=False)
+    assert tasks.anchor_for(task, here) == anchor and tasks.anchor_for(task, elsewhere) is None
+    records.keep(anchor.pk, {"state": "none", "judgement": {"route": "isolate"}})
+    assert tasks.anchor_for(task, here) is None
