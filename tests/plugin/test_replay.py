@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("cv2")
 
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sensorgate.plugin import pipeline
 from sensorgate.plugin.cli import main
@@ -20,14 +20,12 @@ from sensorgate.plugin.inspection import Settings
 from sensorgate.plugin.plan import Names, plan_record
 from sensorgate.plugin.plan_diff import differences, moved
 from sensorgate.plugin.plan_file import read_plan
-from sensorgate.plugin.replay import settings_of, told
+from sensorgate.plugin.replay import replay_record, settings_of, told
 from sensorgate.stages.errors import UsageError
 from sensorgate.stages.thresholds import DEFAULTS
 
 from tests import simulator
 from tests.plugin.test_run import SCHEMA, SOLVER_FILES, digests
-
-PLACES = {"calibration": "sheet.csv", "gcp": "gcp_list.txt"}
 
 
 @pytest.fixture(scope="module")
@@ -211,6 +209,7 @@ def record_of(settings: Settings, home: Path):
     return json.loads(json.dumps(plan_record(report, bare, {}, {})))
 
 
+@settings(deadline=None)
 @given(
     trigger=st.floats(0.001, 10.0),
     inliers=st.integers(1, 1000),
@@ -226,7 +225,7 @@ def test_settings_come_back_out_of_a_plan_as_they_went_in(
     tmp_path_factory, trigger, inliers, target, force, align, look, engine, ground, max_dim
 ):
     home = tmp_path_factory.getbasetemp() / "bare"
-    settings = Settings(
+    wanted = Settings(
         thresholds=DEFAULTS.replaced({"gsd_trigger": trigger, "min_inliers": inliers}),
         gsd_target=target,
         force_gcp=force,
@@ -235,8 +234,8 @@ def test_settings_come_back_out_of_a_plan_as_they_went_in(
         ground_m=ground,
         max_dim=max_dim,
     )
-    (home.parent / "bare.json").write_text(json.dumps(record_of(settings, home)))
-    assert settings_of(read_plan(str(home.parent / "bare.json")), Settings()) == settings
+    (home.parent / "bare.json").write_text(json.dumps(record_of(wanted, home)))
+    assert settings_of(read_plan(str(home.parent / "bare.json")), Settings()) == wanted
 
 
 def leaves(value, at=()):
@@ -248,6 +247,41 @@ def leaves(value, at=()):
             yield from leaves(value[index], (*at, index))
     else:
         yield at
+
+
+def branches(value, at=()):
+    """The way to every value of a JSON, inner ones too."""
+    for key in value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ():
+        yield (*at, key)
+        yield from branches(value[key], (*at, key))
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=150)
+@given(data=st.data())
+def test_a_plan_bent_anywhere_is_refused_or_works(first, tmp_path, data):
+    """Whatever stands in a plan from elsewhere: a sentence for the user, never a fault of ours."""
+    whole = json.loads((first / "out/plan.json").read_text(encoding="utf-8"))
+    bent = copy.deepcopy(whole)
+    section = data.draw(st.sampled_from(sorted(whole)))
+    place, at = bent, data.draw(st.sampled_from([(section,), *branches(whole[section], (section,))]))
+    for key in at[:-1]:
+        place = place[key]
+    place[at[-1]] = data.draw(JSON)
+    (tmp_path / "plan.json").write_text(json.dumps(bent), encoding="utf-8")
+    try:
+        plan = read_plan(str(tmp_path / "plan.json"))
+        settings_of(plan, Settings(), [first / "survey"])
+    except UsageError as error:
+        assert len(str(error)) < 500 and str(error).isprintable()
+        return
+    assert told(replay_record(plan, whole))
 
 
 # Said of the same thing elsewhere in the plan, or a sentence for people.
@@ -272,6 +306,7 @@ def test_every_change_of_a_plan_is_told(first):
     assert untold == []
 
 
+@settings(deadline=None)
 @given(st.data())
 def test_moved_files_are_told_once_and_by_content(data):
     names = data.draw(st.lists(st.text("abc/", min_size=1, max_size=4), unique=True, max_size=6))
