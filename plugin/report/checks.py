@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 from .view import View, figure, plural
 
@@ -198,7 +198,7 @@ def _beside(together: Optional[float], alone: Optional[float]) -> str:
 def why(view: View, project: Mapping[str, Any]) -> List[str]:
     """Why a project takes its route, without what the tables of its figures say already."""
     found = project["alignment"] or {}
-    tabled = set()
+    tabled: Set[str] = set()
     for payload in found.get("payloads", []):
         if payload.get("verdict") == "pass":
             for reason in payload.get("reasons", []):

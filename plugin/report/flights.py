@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 from .story import HEIGHT_WORDS, gain_words
@@ -44,8 +44,7 @@ def _joined(leg: str, rows: List[FlightRow]) -> FlightRow:
     first = rows[0]
     if len(rows) == 1:
         return first
-    changes = {"name": f"{first.payload}:{leg}", "bands": len(rows), "frames": sum(r.frames for r in rows)}
-    return FlightRow(**{**first.__dict__, **changes})
+    return replace(first, name=f"{first.payload}:{leg}", bands=len(rows), frames=sum(r.frames for r in rows))
 
 
 def _row(view: View, flight: Mapping[str, Any], action: Optional[Mapping[str, Any]]) -> FlightRow:

@@ -94,7 +94,7 @@ def _draw(view: View, used: Sequence[Frame], left: Sequence[Frame], name: str, s
     spots: Dict[str, List[svg.Point]] = {}
     for frame in used:
         spots.setdefault(frame["payload"], []).append(here[frame["path"]])
-    over = []
+    over: List[str] = []
     for index, payload in enumerate(p["id"] for p in view.report["payloads"]):
         if payload not in spots:
             continue

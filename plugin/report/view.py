@@ -183,8 +183,9 @@ class View:
 
     def _owners(self) -> Dict[str, Tuple[str, ...]]:
         """What a finding may name (project, frame, flight, profile, payload) to the payloads that it belongs to."""
-        found: Dict[str, Tuple[str, ...]] = {s["name"]: tuple(s["payloads"]) for s in self.report["subprojects"]}
-        found.update({f["path"]: (f["payload"],) for f in self.report["frames"] if f["payload"]})
+        known = {p["id"] for p in self.report["payloads"]}
+        found = {s["name"]: tuple(p for p in s["payloads"] if p in known) for s in self.report["subprojects"]}
+        found.update({f["path"]: (f["payload"],) for f in self.report["frames"] if f["payload"] in known})
         of_profile = {p: (payload["id"],) for payload in self.report["payloads"] for p in payload["profiles"]}
         for flight in self.report["flights"]:
             found[flight["id"]] = of_profile.get(flight["profile"], ())

@@ -172,7 +172,9 @@ def test_all_is_there_without_scripts(browser: Browser, file: Path) -> None:
 
 
 def test_a_print_shows_what_is_folded(page: Browser) -> None:
+    page.resize(718, 1046)  # A4 within its margins
     page.call("Emulation.setEmulatedMedia", media="print")
+    assert page.run("document.documentElement.scrollWidth") == 718
     heights = page.run(
         "[...document.querySelectorAll('details.print:not([open])')].map(d => d.getBoundingClientRect().height - "
         "d.querySelector('summary').getBoundingClientRect().height)"
