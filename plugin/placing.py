@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from ..stages.align.model import AlignmentReport
+from ..stages.align.judge import FAIL
+from ..stages.align.model import AlignmentReport, LockDecision
 from ..stages.assemble import Group
 from ..stages.errors import SensorgateError
 from ..stages.finding import Finding
@@ -103,10 +104,23 @@ def frames_of(item: Placed, survey: Survey) -> Tuple[str, ...]:
     )
 
 
+def believed(proven: ProvenGroup, profiles: Sequence[CameraProfile]) -> Tuple[LockDecision, ...]:
+    """The alignment's decisions that a project may be built on.
+
+    A focal that a contradicted alignment solved shows nothing of the lens:
+    where any source says a focal, that one stands.
+    """
+    if proven.alignment is None or proven.alignment.verdict != FAIL:
+        return proven.locked
+    said = {p.id for p in profiles if p.intrinsics.focal_ratio is not None}
+    return tuple(d for d in proven.locked if d.profile not in said or _focal_source(d.source) != "solved")
+
+
 def _decisions(proven: ProvenGroup, profiles: Sequence[CameraProfile]) -> Dict[str, CameraDecision]:
     """What is known of each profile's camera: what the alignment decided, else its own best source."""
     decided: Dict[str, CameraDecision] = {}
-    holds = {h.profile: h for h in proven.locked}
+    holds = {h.profile: h for h in believed(proven, profiles)}
+    doubted = {h.profile for h in proven.locked} - set(holds)
     for profile in profiles:
         hold = holds.get(profile.id)
         # The solver works with Brown's model: of a fisheye lens its own calibration says more.
@@ -123,8 +137,9 @@ def _decisions(proven: ProvenGroup, profiles: Sequence[CameraProfile]) -> Dict[s
             )
         else:
             focal: Intrinsics = profile.intrinsics
-            why = f"{profile.id}: focal and distortion from {focal.focal_source}" if focal.complete else ""
-            decided[profile.id] = decision_from_intrinsics(profile.id, focal, lock=focal.complete, reason=why)
+            hold_it = focal.complete and profile.id not in doubted
+            why = f"{profile.id}: focal and distortion from {focal.focal_source}" if hold_it else ""
+            decided[profile.id] = decision_from_intrinsics(profile.id, focal, lock=hold_it, reason=why)
     return decided
 
 
