@@ -230,6 +230,7 @@ def request_of(
             height=height,
             intrinsics=profiles[profile].intrinsics,
             corrected_in_camera=profiles[profile].corrected_in_camera,
+            focal_variance=profiles[profile].focal_variance,
         )
         for profile, width, height in sorted(shapes)
     )

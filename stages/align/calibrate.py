@@ -231,6 +231,8 @@ def choose(
         hold, why_hold = True, "held"
         if free and _costs_gps(outcomes[chosen], free[0], limits):
             hold, why_hold = False, "not held: it costs GPS fit against the solved camera"
+    elif strong and focal in (SOLVED, HEIGHTS) and _drifts(camera, limits):
+        hold, why_hold = True, f"held at it: its frames claim focals {camera.focal_variance:.1%} apart"
     decision = _decision(outcomes[chosen], camera, hold, f"{why_bend}; {why_focal}; {why_hold}")
     return chosen, replace(decision, supported=by_heights or (strong and focal == SOLVED)), veto
 
@@ -242,6 +244,11 @@ def _certain(outcomes: Sequence[Outcome], open_: Sequence[int], limits: Threshol
         return False
     sigma = free[-1].focal_sigma
     return sigma is None or limits.solved_focal_sigma * sigma <= limits.focal_source_gap * free[-1].solved_focal
+
+
+def _drifts(camera: AlignCamera, limits: Thresholds) -> bool:
+    """The focal tags of one camera vary beyond the rule."""
+    return camera.focal_variance > limits.focal_variance
 
 
 def _known_straight(camera: AlignCamera) -> bool:
@@ -331,20 +338,31 @@ def _choose_focal(
         return HEIGHTS, f"measured heights ({geometry.height_by}): the geometry fixes the focal"
     if strong and SOLVED in at:
         return SOLVED, "the geometry fixes the focal"
-    why = "focal solved" if first == SOLVED else f"focal from {first}"
+    why = f"focal from {first}"
+    if not trusted and SOLVED in at and _drifts(camera, limits):
+        first = SOLVED
+        why = (
+            f"its frames claim focals {camera.focal_variance:.1%} apart and no trusted source says which: solved once "
+            "as one camera"
+        )
+    elif first == SOLVED:
+        why = "focal solved"
+    if first == SOLVED:
+        one = outcomes[at[SOLVED]]
+        why += f" to {one.focal_sigma / one.solved_focal:.1%}" if one.focal_sigma is not None else ""
     return first, why + _undecided(geometry, limits)
 
 
 def _undecided(geometry: Geometry, limits: Thresholds) -> str:
-    """Why measured heights do not choose the focal, where there are some and nothing else does."""
-    if geometry.strong(limits) or geometry.by_heights(limits):
+    """Why the block itself does not choose the focal, where nothing does."""
+    if geometry.strong(limits):
+        return " (its geometry leaves the focal uncertain)"
+    if geometry.by_heights(limits):
         return ""
+    if geometry.height_sigma is None and geometry.height_by == MODEL:
+        return f" ({MODEL} cannot choose it: it has too little ground under the block)"
     if geometry.height_sigma is None:
-        return (
-            f" ({MODEL} cannot choose it: it has too little ground under the block)"
-            if geometry.height_by == MODEL
-            else ""
-        )
+        return " (weak geometry: straight down from one height no focal shows)"
     known = f"to {geometry.height_sigma:.1%}" if geometry.height_sigma < 1.0 else "not at all"
     need = limits.focal_source_gap / limits.solved_focal_sigma
     return f" ({geometry.height_by} cannot choose it: they tell the vertical scale {known}, {need:.1%} is needed)"

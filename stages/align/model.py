@@ -45,13 +45,17 @@ class AlignFrame:
 
 @dataclass(frozen=True)
 class AlignCamera:
-    """One profile at one frame size: the camera the solver shares among its frames."""
+    """One profile at one frame size: the camera the solver shares among its frames.
+
+    ``focal_variance`` is (max - min) / mean of the focals that its frames claim.
+    """
 
     profile: str
     width: int
     height: int
     intrinsics: Intrinsics
     corrected_in_camera: bool = False
+    focal_variance: float = 0.0
 
 
 @dataclass(frozen=True)

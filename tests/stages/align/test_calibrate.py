@@ -15,7 +15,7 @@ from sensorgate.stages.align.calibrate import (
 from sensorgate.stages.align.candidates import flown_height
 from sensorgate.stages.align.model import AlignCamera, Bowing
 from sensorgate.stages.align.solution import CameraSetting
-from sensorgate.stages.align.vertical import VerticalScale
+from sensorgate.stages.align.vertical import BOTH, DISAGREE, MODEL, VerticalScale
 from sensorgate.stages.intrinsics import Intrinsics
 from sensorgate.stages.thresholds import DEFAULTS
 
@@ -197,6 +197,97 @@ def test_heights_known_to_plain_gps_fix_nothing_and_rule_nothing_out():
 def test_tilted_views_and_control_need_no_heights():
     for geometry in (Geometry(0.3, height_sigma=0.003), Geometry(0.0, True, 0.003)):
         assert trials_by_heights(_measured(GUESSED, 0.003), geometry, DEFAULTS) == ()
+
+
+def _by_model(camera, true, sigma=0.003):
+    """The choice on a nadir block over ground that an elevation model knows, and what it calls for."""
+    geometry = Geometry(0.0, height_sigma=sigma, height_by=MODEL)
+    outcomes = tuple(
+        replace(o, scale=VerticalScale(true / o.solved_focal, sigma, MODEL)) for o in _outcomes(camera, focal=0.64)
+    )
+    more = trials_by_heights(outcomes, geometry, DEFAULTS)
+    put_right = tuple(
+        replace(outcomes[0], trial=t, solved_focal=t.focal, scale=VerticalScale(1.0, sigma, MODEL)) for t in more
+    )
+    found = (*outcomes, *put_right)
+    index, decision, veto = choose(found, {}, camera, geometry, None, DEFAULTS)
+    return found[index].trial, decision, dict(zip((o.trial.name for o in found), veto))
+
+
+def test_an_elevation_model_refuses_a_focal_four_percent_off_and_puts_it_right():
+    trial, decision, veto = _by_model(CORRECTED, true=0.6 / 1.04)
+    assert trial.focal_source == "heights" and trial.focal == pytest.approx(0.6 / 1.04, abs=1e-6)
+    assert "+4.0% off the measured ones" in veto["focal sheet, distortion none"]
+    assert MODEL in decision.reason and decision.supported
+    # No node that solves the block again has the model: what it fixed is held.
+    assert decision.hold
+
+
+def test_an_elevation_model_leaves_a_trusted_focal_that_it_confirms():
+    trial, decision, _ = _by_model(CORRECTED, true=0.603)
+    assert trial.focal_source == "sheet" and decision.hold
+    assert "confirms within 0.5%" in decision.reason
+
+
+def test_an_elevation_model_takes_the_place_of_a_guess():
+    trial, decision, _ = _by_model(GUESSED, true=0.603)
+    assert trial.focal_source == "heights" and trial.focal == pytest.approx(0.603, abs=1e-6)
+    # Its distortion is solved: held, that would be a guess.
+    assert trial.distortion_source == "solved" and not decision.hold
+
+
+def test_an_elevation_model_that_cannot_tell_says_so():
+    trial, decision, veto = _by_model(CORRECTED, true=0.6 / 1.04, sigma=0.27)
+    assert trial.focal_source == "sheet" and not any(veto.values())
+    assert "cannot choose it: they tell the vertical scale to 27.0%, 1.0% is needed" in decision.reason
+    _, decision, _ = _chosen(CORRECTED, geometry=Geometry(0.0, height_by=MODEL))
+    assert "too little ground" in decision.reason
+
+
+def test_heights_that_contradict_each_other_fix_nothing():
+    assert Geometry(0.0, height_sigma=0.003, height_by=BOTH).strong(DEFAULTS)
+    apart = Geometry(0.0, height_sigma=0.003, height_by=DISAGREE)
+    assert not apart.strong(DEFAULTS) and trials_by_heights(_measured(GUESSED, 0.003), apart, DEFAULTS) == ()
+
+
+def test_weak_geometry_and_what_it_leaves_uncertain_are_said():
+    _, decision, _ = _chosen(CORRECTED)
+    assert "weak geometry" in decision.reason
+    _, decision, _ = _chosen(AlignCamera("p", 4000, 3000, Intrinsics()))
+    assert "focal solved to 0.2%" in decision.reason and "weak geometry" in decision.reason
+    _, decision, _ = _chosen(CORRECTED, geometry=GOOD)
+    assert "weak geometry" not in decision.reason
+
+
+DRIFT = 0.04
+
+
+def test_frames_that_claim_several_focals_are_one_camera_held_where_something_trusted_says_which():
+    _, decision, _ = _chosen(replace(CORRECTED, focal_variance=DRIFT))
+    assert decision.hold and decision.focal_ratio == 0.6
+
+
+def test_without_a_trusted_source_they_are_solved_once_as_one_camera_and_marked():
+    trial, decision, _ = _chosen(replace(GUESSED, focal_variance=DRIFT))
+    assert trial.focal_source == "solved" and not decision.hold
+    assert "claim focals 4.0% apart" in decision.reason and "solved once as one camera" in decision.reason
+    trial, _, _ = _chosen(replace(GUESSED, focal_variance=0.02))
+    assert trial.focal_source == "equivalent-35mm"
+
+
+def test_good_geometry_settles_them_and_what_it_solved_is_held():
+    trial, decision, _ = _chosen(replace(GUESSED, focal_variance=DRIFT), geometry=GOOD)
+    assert trial.focal_source == "solved" and decision.hold and decision.supported
+    _, plain, _ = _chosen(GUESSED, geometry=GOOD)
+    assert not plain.hold and plain.supported
+
+
+def test_what_stands_only_when_held_is_held_whatever_the_geometry():
+    names = [t.name for t in trials_for(CORRECTED) if t.focal is None]
+    trial, decision, _ = _chosen(CORRECTED, geometry=GOOD, errors=dict.fromkeys(names))
+    assert trial.focal_source == "sheet" and trial.focal == 0.6
+    _, decision, _ = _chosen(XMP, geometry=Geometry(0.0), errors=dict.fromkeys(names))
+    assert decision.hold
 
 
 def test_gps_and_missing_figures_veto():
