@@ -6,7 +6,7 @@ import textwrap
 import unicodedata
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
-from . import story
+from . import story, svg
 from .view import SHORT_SOURCES, PayloadRow, View, figure, plural
 
 # With the line that names the report's file, 25 lines.
@@ -24,16 +24,16 @@ VERDICT_PAINT = {"consistent": "good", "inconsistent": "warning", "blocked": "er
 Paint = Callable[[str, str], str]
 Column = Tuple[str, bool, int, Callable[[PayloadRow], str]]
 COLUMNS: Tuple[Column, ...] = (
-    ("payload", False, 10, lambda r: r.id),
+    ("payload", False, 22, lambda r: r.id),
     ("camera", False, 8, lambda r: r.camera),
     ("spectrum", False, 8, lambda r: SPECTRA[r.spectrum] + (f" x{len(r.bands)}" if len(r.bands) > 1 else "")),
     ("frames", True, 7, lambda r: f"{r.used}" if r.used == r.frames else f"{r.used}/{r.frames}"),
     ("focal mm", False, 14, lambda r: focal_cell(r)),
     ("GSD cm", True, 9, lambda r: gsd_cell(r)),
     ("height", True, 6, lambda r: figure(r.height_m, 0, "m")),
-    ("project", False, 8, lambda r: "+".join(r.projects) or "none"),
+    ("project", False, 14, lambda r: "+".join(r.projects) or "none"),
 )
-DROPPED = ("height", "spectrum", "camera", "GSD cm", "focal mm", "project")
+DROPPED = ("height", "spectrum", "GSD cm", "focal mm", "project")
 
 
 def lines(report: Mapping[str, Any], width: int = 100, colour: bool = False, out: str = "DIR") -> List[str]:
@@ -140,6 +140,8 @@ def _table(view: View, width: int, paint: Paint, most: int) -> List[str]:
     sizes = {h: max(columns_of(h), *(columns_of(c) for c in cells[h])) for h in cells}
     least = {head: min(sizes[head], least) for head, _, least, _ in COLUMNS}
     kept = [c for c in COLUMNS if view.report["subprojects"] or c[0] != "project"]
+    if sum(sizes[c[0]] for c in kept) + 2 * (len(kept) - 1) > width:
+        kept = [c for c in kept if c[0] != "camera"]  # a payload's whole name tells more
     for head in DROPPED:
         if sum(least[c[0]] for c in kept) + 2 * (len(kept) - 1) <= width:
             break
@@ -155,7 +157,7 @@ def _table(view: View, width: int, paint: Paint, most: int) -> List[str]:
     for index in range(len(shown)):
         parts = []
         for head, right, _, _ in kept:
-            parts.append(_pad(_cut(cells[head][index], sizes[head]), sizes[head], right))
+            parts.append(_pad(_cut(svg.shortened(cells[head][index], sizes[head]), sizes[head]), sizes[head], right))
         told.append("  ".join(parts).rstrip())
     return [heading, *_capped(told, most, "payload")]
 
