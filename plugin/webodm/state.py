@@ -27,12 +27,12 @@ def state_of(task: Any, user: Any) -> Dict[str, Any]:
         "message": (record.get("message") or "") if may_view else "",
         "progress": record.get("progress"),
         "verdict": record.get("verdict"),
-        "report": home.page(f"tasks/{task.pk}/report") if has_report(task) else None,
+        "report": home.page(f"tasks/{task.pk}/report") if user.is_authenticated and has_report(task) else None,
         "actions": actions_for(task, record, user) if may_change else [],
         "tasks": _left(record) if may_change else [],
         "judgement": record.get("judgement") if may_change else None,
-        "engine": engine,
-        "engine_message": said,
+        "engine": engine if may_change else GATE,
+        "engine_message": said if may_change else "",
     }
 
 

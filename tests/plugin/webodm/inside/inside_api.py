@@ -192,7 +192,9 @@ def test_a_public_task_is_seen_and_not_touched(people):
     task = Task.objects.create(project=people["project"], name="t", public=True, images_count=2, status=30)
     base = f"projects/{people['project'].pk}/tasks/{task.pk}/"
     assert people["nobody"].get(base + "state").status_code == 200
-    assert people["nobody"].get(base + "state").json()["actions"] == []
+    # Nothing of the nodes or the server either.
+    seen = people["nobody"].get(base + "state").json()
+    assert seen["actions"] == [] and seen["engine_message"] == "" and seen["report"] is None
     for action in ("check", "override", "split", "judge", "prepare"):
         assert people["nobody"].post(base + action, {}).status_code in (401, 403)
         assert people["other"].post(base + action, {}).status_code == 404
