@@ -7,7 +7,8 @@
   var SETTLE_MS = 1000;
   var POLL_MS = 5000;
   var MOST_SHOWN = 5;
-  var HELD = "held";
+  // What somebody has to see to; everything else goes on by itself.
+  var HELD = "held", BROKEN_OFF = "broken-off";
   var watched = {};
   var timer = null, lastAsked = -POLL_MS;
 
@@ -53,27 +54,36 @@
 
   function told(project, tasks) {
     var entry = watched[project], before = entry.tasks;
-    entry.tasks = tasks;
+    entry.tasks = tasks.filter(function (task) { return !(sensorgate.dock && sensorgate.dock.fills(task.id)); });
     draw(project, entry);
     var changed = before.some(function (old) {
-      return !tasks.some(function (now) { return now.id === old.id && (now.state === HELD) === (old.state === HELD); });
+      return !entry.tasks.some(function (now) { return now.id === old.id && rank(now) === rank(old); });
     });
     if (changed) sensorgate.refresh(project, entry.item);
   }
 
+  function rank(task) {
+    return task.state === HELD ? 0 : task.state === BROKEN_OFF ? 1 : 2;
+  }
+
   function draw(project, entry) {
-    var held = entry.tasks.filter(function (task) { return task.state === HELD; });
-    var under = entry.tasks.length - held.length;
-    var shown = held.concat(entry.tasks.filter(function (task) { return task.state !== HELD; })).slice(0, MOST_SHOWN);
-    var title = [
-      held.length ? plural(held.length, "task") + (held.length === 1 ? " is held and needs" : " are held and need") + " your decision" : "",
+    var sorted = entry.tasks.slice().sort(function (a, b) { return rank(a) - rank(b); });
+    sensorgate.dom.redraw(entry.place, sorted.length ? [
+      h("h5", { role: "status" }, title(sorted)),
+      h("ul", null, sorted.slice(0, MOST_SHOWN).map(function (task) { return row(project, task); })),
+      sorted.length > MOST_SHOWN ? h("p", null, "And " + (sorted.length - MOST_SHOWN) + " more.") : null
+    ] : null);
+  }
+
+  function title(tasks) {
+    function many(state) { return tasks.filter(function (task) { return task.state === state; }).length; }
+    var held = many(HELD), broken = many(BROKEN_OFF);
+    var under = tasks.length - held - broken;
+    return [
+      held ? plural(held, "task") + (held === 1 ? " is held and needs" : " are held and need") + " your decision" : "",
+      broken ? plural(broken, "upload") + (broken === 1 ? " was" : " were") + " broken off" : "",
       under ? plural(under, "task") + (under === 1 ? " waits" : " wait") + " for the camera check" : ""
     ].filter(Boolean).join("; ");
-    sensorgate.dom.redraw(entry.place, entry.tasks.length ? [
-      h("h5", { role: "status" }, title),
-      h("ul", null, shown.map(function (task) { return row(project, task); })),
-      entry.tasks.length > shown.length ? h("p", null, "And " + (entry.tasks.length - shown.length) + " more.") : null
-    ] : null);
   }
 
   function row(project, task) {

@@ -21,12 +21,14 @@ def waits(task: str, state: str, message: str, **more: Any) -> Dict[str, Any]:
 def test_a_task_that_waits_says_so_under_its_project(browser: Browser, dashboard: Dashboard, theme: str) -> None:
     browser.errors.clear()
     why = "Held: none of these files can be used for a survey."
-    dashboard.waiting = [[waits("a", "checking", "Its cameras are looked at.", progress=0.4), waits("b", "held", why)]]
+    under_way = waits("a", "checking", "Its cameras are looked at.", progress=0.4)
+    dashboard.waiting = [[under_way, waits("c", "broken-off", "12 files are here."), waits("b", "held", why)]]
     browser.open(f"{dashboard.address}/?theme={theme}")
     browser.wait(f"{NOTICE}.includes('Field a')")
     said = browser.run(NOTICE)
-    assert "1 task is held and needs your decision; 1 task waits for the camera check" in said
-    assert said.index("Field b") < said.index("Field a"), "what needs a decision comes first"
+    assert "1 task is held and needs your decision; 1 upload was broken off; 1 task waits for the camera check" in said
+    places = [said.index(f"Field {task}") for task in "bca"]
+    assert places == sorted(places), "what needs a decision comes first"
     assert why in said and "Its cameras are looked at." in said
     assert browser.run("document.querySelector('.sg-notice a').getAttribute('href')") == (
         f"/dashboard/?project_task_open={PROJECT}&project_task_expanded=b"
