@@ -56,7 +56,7 @@ def read_outcome(folder: Union[str, Path], limits: Thresholds = DEFAULTS) -> Out
     if not parts:
         gone = "this was a split run, and its parts are gone: nothing tells how they were placed"
         return replace(whole, notes=(*whole.notes, gone)) if (folder / SUBMODELS).is_dir() else whole
-    return summed(whole, parts, log, {f.path: f.payload for f in project.request.frames}, limits)
+    return summed(whole, parts, log, project, limits)
 
 
 def _read(folder: Path, home: Path, limits: Thresholds) -> Tuple[Outcome, RunLog, ProjectFrames]:
@@ -92,8 +92,8 @@ def _read(folder: Path, home: Path, limits: Thresholds) -> Tuple[Outcome, RunLog
     if state == UNFINISHED and opensfm == folder and placed is not None:
         state = FINISHED  # a bare OpenSfM data set has no log of ODM's
     cameras = _cameras(project, placed, model, start, limits)
-    payloads = payload_routes(report, limits)
-    route, reasons = route_of(state, payloads, log, report)
+    payloads = payload_routes(report, limits, project.spectra)
+    route, reasons = route_of(state, payloads, log, report, project.spectra)
     trusted = frozenset(c.profile for c in project.request.cameras if c.intrinsics.focal_trusted)
     outcome = Outcome(
         state=state,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import datetime
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
@@ -43,6 +43,7 @@ class ProjectFrames:
     images of the project that ODM never took into its list. ``grouped_by``
     says where the payloads come from. ``planned`` is the route that the run
     which wrote the project gave it, ``""`` where no such run is known.
+    ``spectra`` is payload -> spectrum, where that is known.
     """
 
     request: AlignRequest
@@ -51,6 +52,7 @@ class ProjectFrames:
     grouped_by: str
     planned: str
     notes: Tuple[str, ...]
+    spectra: Mapping[str, str] = field(default_factory=dict)
 
 
 def opensfm_folder(folder: Path) -> Path:
@@ -80,7 +82,8 @@ def project_frames(
     names = sorted(set(names or present) | set(placed))[: limits.outcome_max_frames]
     ours, planned = _our_rows(home or folder, limits, notes)
     dropped: Set[str] = (present - set(metadata)) if metadata else (present - set(names) if names else set())
-    read = _from_images(folder, [n for n in names if n in present], limits) if present else {}
+    read, seen = _from_images(folder, [n for n in names if n in present], limits) if present else ({}, {})
+    spectra: Dict[str, str] = {}
     frames: List[AlignFrame] = []
     intrinsics: Dict[Tuple[str, int, int], AlignCamera] = {}
     used = set()
@@ -97,8 +100,11 @@ def project_frames(
             frame, camera = _from_metadata(name, metadata.get(name, {}), placed.get(name, "")), None
             source = "ODM's camera names"
         used.add(source)
+        spectrum = seen.get(frame.payload) or str(row.get("spectrum") or "" if row is not None else "")
         if row is not None:
             frame = _as_planned(frame, row)
+        if spectrum:
+            spectra.setdefault(frame.payload, spectrum)
         if camera is None:
             start = cameras.get(placed.get(name) or str(metadata.get(name, {}).get("camera", "")))
             frame = _sized(frame, start)
@@ -114,6 +120,7 @@ def project_frames(
         grouped_by=", ".join(sorted(used)),
         planned=planned,
         notes=tuple(notes),
+        spectra=spectra,
     )
 
 
@@ -346,14 +353,16 @@ def _camera(frame: AlignFrame, start: Optional[OpenSfmCamera]) -> AlignCamera:
     return AlignCamera(frame.profile, frame.width, frame.height, Intrinsics(focal_ratio=ratio))
 
 
-def _from_images(folder: Path, names: Sequence[str], limits: Thresholds) -> Dict[str, Tuple[AlignFrame, AlignCamera]]:
-    """File name -> frame and camera by our own reading of ``images/``."""
+def _from_images(
+    folder: Path, names: Sequence[str], limits: Thresholds
+) -> Tuple[Dict[str, Tuple[AlignFrame, AlignCamera]], Dict[str, str]]:
+    """File name -> frame and camera, payload -> spectrum, by our own reading of ``images/``."""
     images, _ = split_masks(scan([str(folder / "images")], limits=limits))
     survey = build(images, load_sheet(None, limits), limits)
     wanted = set(names)
     paths = tuple(sorted(f.path for f in survey.frames if Path(f.path).name in wanted))
     if not paths:
-        return {}
+        return {}, {}
     payloads = tuple(sorted({f.payload for f in survey.frames if f.path in set(paths)}))
     group = Group("project", "", 0, payloads, paths, paths)
     request = request_of(group, survey, untouched(survey.files), limits)
@@ -362,4 +371,4 @@ def _from_images(folder: Path, names: Sequence[str], limits: Thresholds) -> Dict
     for frame in request.frames:
         name = Path(frame.path).name
         found[name] = (replace(frame, path=name, file=name), shapes[(frame.profile, frame.width, frame.height)])
-    return found
+    return found, {p.id: p.spectrum for p in survey.payloads}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import FrozenSet, List, Optional, Sequence, Tuple
+from typing import FrozenSet, List, Mapping, Optional, Sequence, Tuple
 
 from ...stages.align.fit import called
 from ...stages.align.judge import FAIL, PASS, UNPROVEN
@@ -14,22 +14,29 @@ from .outcome_model import CameraOutcome, PayloadRoute
 from .outcome_read import RunLog
 
 
-def payload_routes(report: Optional[AlignmentReport], limits: Thresholds) -> Tuple[PayloadRoute, ...]:
+def payload_routes(
+    report: Optional[AlignmentReport], limits: Thresholds, spectra: Mapping[str, str]
+) -> Tuple[PayloadRoute, ...]:
     """What the router would do with each payload (pure).
 
     A refused payload beside one that stands is tried pairwise where it has
     any verified pair, else isolated; where nothing stands, every payload goes
     alone. A payload beside which no other has frames enough to stand has
-    nobody to be separated from: its trouble is its own.
+    nobody to be separated from: its trouble is its own. Payloads of two
+    spectra (``spectra`` is payload -> spectrum) are parted, never joined.
     """
     if report is None:
         return ()
     passes = any(p.verdict == PASS for p in report.payloads)
 
     def route(p: PayloadAlignment) -> str:
-        others = [q for q in _able(report, limits) if q is not p]
+        own = spectra.get(p.payload)
+        strangers = [q for q in report.payloads if own and spectra.get(q.payload, own) != own]
+        others = [q for q in _able(report, limits) if q is not p and q not in strangers]
         if p.verdict == PASS:
             return PROCEED
+        if strangers:
+            return ISOLATE
         if p.verdict == UNPROVEN:
             return ISOLATE if passes else UNPROVEN
         if not others:
@@ -45,10 +52,18 @@ def _able(report: AlignmentReport, limits: Thresholds) -> List[PayloadAlignment]
 
 
 def route_of(
-    state: str, payloads: Sequence[PayloadRoute], log: RunLog, report: Optional[AlignmentReport]
+    state: str,
+    payloads: Sequence[PayloadRoute],
+    log: RunLog,
+    report: Optional[AlignmentReport],
+    spectra: Mapping[str, str],
 ) -> Tuple[str, Tuple[str, ...]]:
     """The route of the whole project and its reasons (pure)."""
     placed = report is not None and report.registered > 0
+    mixed = sorted({spectra[p.payload] for p in payloads if p.payload in spectra})
+    if len(mixed) > 1:
+        said = f"frames of {len(mixed)} spectra share the project ({', '.join(mixed)}): no solver matches across them"
+        return ISOLATE, (*_ended(state, log), said, *(f"{p.payload}: {r}" for p in payloads for r in p.reasons[:2]))
     if placed:
         for route in (PAIRWISE, ISOLATE, UNPROVEN):
             mine = sorted((p for p in payloads if p.route == route), key=lambda p: p.verdict != FAIL)
@@ -116,6 +131,11 @@ def advice_of(
             )
         if p.gps_offset_m is not None:
             said.append(f"{p.payload}: its positions are shifted; correct them in geo.txt before fusing.")
+    if report and report.registered and report.areas > 1:
+        said.append(
+            f"The frames lie over {report.areas} places that cannot overlap: give each its own project (sensorgate run "
+            "does); ODM lays them on one map by GPS alone."
+        )
     if report and called(report.bowing, limits.bowing_sigma):
         said.append(
             f"The block bows by {report.bowing.bowing_m:+.2f} m: hold the cameras at a known calibration "

@@ -14,6 +14,7 @@ from typing import Dict, List, Mapping, Sequence, Tuple
 from ...stages.align.judge import FAIL, PASS, UNPROVEN, overall
 from ...stages.align.model import AlignedFrame, AlignmentReport, PayloadAlignment
 from ...stages.thresholds import Thresholds
+from .outcome_frames import ProjectFrames
 from .outcome_model import Outcome, SubmodelOutcome
 from .outcome_read import RunLog
 from .outcome_route import payload_routes, route_of
@@ -33,18 +34,16 @@ def submodels_of(folder: Path, limits: Thresholds) -> Tuple[str, ...]:
     return tuple(n for n in found if (folder / SUBMODELS / n / "opensfm").is_dir())[: limits.outcome_max_models]
 
 
-def summed(whole: Outcome, parts: Parts, log: RunLog, payload_of: Mapping[str, str], limits: Thresholds) -> Outcome:
-    """The outcome of a split run: ``whole`` knows all frames and how the run ended, ``parts`` what was placed.
-
-    ``payload_of`` is frame path -> payload.
-    """
+def summed(whole: Outcome, parts: Parts, log: RunLog, project: ProjectFrames, limits: Thresholds) -> Outcome:
+    """The outcome of a split run: ``whole`` knows all frames and how the run ended, ``parts`` what was placed."""
+    payload_of = {f.path: f.payload for f in project.request.frames}
     placed = [(name, part) for name, part in parts if part.alignment is not None and part.registered]
     reports = [(name, part.alignment) for name, part in placed if part.alignment is not None]
     if whole.alignment is None or not reports:
         return replace(whole, notes=(*whole.notes, *_notes(parts)), submodels=tuple(_record(*p) for p in parts))
     report = _report(whole.alignment, reports, payload_of, limits)
-    payloads = payload_routes(report, limits)
-    route, reasons = route_of(whole.state, payloads, log, report)
+    payloads = payload_routes(report, limits, project.spectra)
+    route, reasons = route_of(whole.state, payloads, log, report, project.spectra)
     return replace(
         whole,
         route=route,

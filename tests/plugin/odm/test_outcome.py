@@ -115,6 +115,15 @@ def test_a_payload_that_falls_apart_by_itself_has_nobody_to_be_parted_from(make:
     assert not any("pairwise" in a or "holds by itself" in a for a in found.advice)
 
 
+def test_two_places_in_one_run_are_to_be_parted(make: Make) -> None:
+    block = fly_block()
+    for frame in block.of("p4"):
+        frame.component, frame.gps = 1, (frame.gps[0] + 0.1, *frame.gps[1:])
+    found = read_outcome(make(block))
+    assert found.alignment is not None and found.alignment.areas == 2
+    assert found.exit_code == 1 and any("2 places that cannot overlap" in a for a in found.advice)
+
+
 def test_a_small_piece_beside_a_good_model_is_unproven(make: Make) -> None:
     block = fly_block((phantom4pro(),))
     for frame in block.frames[:4]:
@@ -208,7 +217,12 @@ def test_pieces_that_only_the_log_tells_of(make: Make) -> None:
     assert found.exit_code == 1 and {p.verdict for p in found.payloads} == {"fail"}
 
 
-def planned(block: Block, out: Path, flight: Callable[[Frame], str] = lambda f: f"{f.payload.id}:1") -> Path:
+def planned(
+    block: Block,
+    out: Path,
+    flight: Callable[[Frame], str] = lambda f: f"{f.payload.id}:1",
+    spectrum: Callable[[Frame], str] = lambda f: "rgb",
+) -> Path:
     """A project inside the output of the run that wrote it, whose report names payloads and flights."""
     folder = write_project(block, out / "projects/rgb")
     (folder / "sensorgate").mkdir()
@@ -218,6 +232,7 @@ def planned(block: Block, out: Path, flight: Callable[[Frame], str] = lambda f: 
             "output": f"projects/rgb/images/{f.name}",
             "profile": f.payload.id,
             "flight": flight(f),
+            "spectrum": spectrum(f),
             "payload": f.payload.id,
             "width": f.camera.width,
             "height": f.camera.height,
@@ -242,6 +257,12 @@ def test_the_run_that_wrote_the_project_names_its_payloads(tmp_path: Path) -> No
     # What the run had proven before stays proven where a node sends no matches back.
     shutil.rmtree(folder / "opensfm")
     assert read_outcome(folder).route == "proceed"
+
+
+def test_spectra_in_one_run_are_parted_however_well_it_looks(tmp_path: Path) -> None:
+    folder = planned(fly_block(), tmp_path / "out", spectrum=lambda f: "thermal" if f.payload.id == "p4" else "rgb")
+    found = read_outcome(folder)
+    assert (found.route, found.exit_code) == ("isolate", 1) and "2 spectra" in found.reasons[0]
 
 
 def test_a_flight_whose_altitudes_lie_higher_is_no_bent_model(tmp_path: Path) -> None:
