@@ -96,7 +96,7 @@ def _outcome(view: View) -> Optional[Comparison]:
     proven = sum(1 for p in projects if p["route"] != "unproven")
     made = plural(len(projects), "project")
     instead = (
-        f"{made} that ODM can load, {proven or 'none'} of them reconstructed on trial."
+        f"{made} that ODM can load, {'all' if proven == len(projects) else proven or 'none'} of them reconstructed on trial."
         if view.written
         else "Projects that ODM can load, each reconstructed on trial before it is handed over."
     )

@@ -17,7 +17,7 @@ from .sites import Site, Spot, split_sites
 from .view import View, listing, plural
 
 MOST_SITES = 6
-LEAST_FRAMES = 3
+LEAST_SPOTS = 3
 MARGIN = 46.0
 WHOLE: Size = (960.0, 240.0, 560.0)
 PANEL: Size = (480.0, 340.0, 340.0)
@@ -51,7 +51,7 @@ def survey_map(view: View) -> SurveyMap:
         return SurveyMap()
     sites = [[anchors[i] for i in site] for site in split_sites([_spot(f) for f in anchors])]
     others = [f for f in placed if f["reason"]] if anchors is not placed else []
-    drawn = [s for n, s in enumerate(sites) if not n or len(s) >= LEAST_FRAMES][:MOST_SITES]
+    drawn = [s for n, s in enumerate(sites) if not n or len({_spot(f) for f in s}) >= LEAST_SPOTS][:MOST_SITES]
     lone = [s for s in sites if all(s is not d for d in drawn)]
     anchor = _site(sites[0])
     covered: Set[str] = set()
