@@ -94,12 +94,13 @@ def _outcome(view: View) -> Optional[Comparison]:
         return None
     projects = view.report["subprojects"]
     proven = sum(1 for p in projects if p["route"] != "unproven")
-    made = plural(len(projects), "project")
-    instead = (
-        f"{made} that ODM can load, {'all' if proven == len(projects) else proven or 'none'} of them reconstructed on trial."
-        if view.written
-        else "Projects that ODM can load, each reconstructed on trial before it is handed over."
-    )
+    made = f"{plural(len(projects), 'project')} that ODM can load"
+    if not view.written:
+        instead = "Projects that ODM can load, each reconstructed on trial before it is handed over."
+    elif proven == len(projects):
+        instead = f"{made}, {'all ' if proven > 1 else ''}reconstructed on trial."
+    else:
+        instead = f"{made}, {proven or 'none'} of them reconstructed on trial."
     return Comparison("Does it run?", f"No. {stops[0]['message']}", instead)
 
 
