@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sensorgate.stages.assemble import groups_of, kin_of, left_out, request_of
+from sensorgate.stages.assemble import groups_of, kin_of, left_out, level_of, request_of
+from sensorgate.stages.elevation import ElevationSource
 from sensorgate.stages.harmonize.model import untouched
 from sensorgate.stages.thresholds import DEFAULTS
 
@@ -82,3 +83,40 @@ def test_a_refused_band_leaves_the_rig_and_the_rig_is_of_another_kind():
     assert apart.frames == apart.solver_frames and len(apart.frames) == 6
     assert apart.lone_band == survey.profile_of()[lone].band
     assert sorted(main.frames + apart.frames) == sorted(whole.frames)
+
+
+class Ground:
+    """An elevation model of level ground at 100 m."""
+
+    file = "/nowhere/ground.tif"
+
+    def __init__(self, vertical=""):
+        self.source = ElevationSource("ground.tif", 100, 100, vertical, "0" * 64)
+
+    def sample(self, points):
+        return tuple(100.0 for _ in points)
+
+    def spacing_m(self, point):
+        return 1.0
+
+
+def _level(frames, vertical=""):
+    survey = survey_of(frames, elevation=Ground(vertical))
+    (group,) = groups_of(survey)
+    (request,) = requested(survey)
+    assert request.elevation == Ground.file
+    assert request.elevation_level_m == level_of(group.solver_frames, survey, DEFAULTS)
+    return request.elevation_level_m
+
+
+def test_the_zero_of_altitudes_is_known_where_both_count_from_the_ellipsoid_or_a_takeoff_shows_it():
+    fixed = strip(count=12, rtk_flag=50, rtk_std_m=(0.01, 0.01, 0.02), altitude_m=227.5)
+    assert _level(fixed) is None
+    assert _level([replace(f, altitude_type="RtkAlt") for f in fixed], "ellipsoid") == (0.0, 0.0)
+    assert _level([replace(f, altitude_type="RtkAlt") for f in fixed], "EGM2008 height") is None
+    # Two metres above the ground its altitude is 149.5 m: the zeros lie 47.5 m apart.
+    started = [replace(fixed[0], altitude_m=149.5, relative_altitude_m=2.0), *fixed[1:]]
+    assert _level(started) == (47.5, DEFAULTS.takeoff_level_m)
+    assert _level([replace(f, rtk_flag=16) for f in started]) is None
+    (request,) = requested(survey_of(fixed))
+    assert request.elevation == "" and request.elevation_level_m is None

@@ -21,6 +21,7 @@ class Slope:
     def __init__(self, rise, base=100.0, spacing=1.0, vertical=""):
         self.rise, self.base, self.spacing = rise, base, spacing
         self.source = ElevationSource("slope.tif", 100, 100, vertical, "0" * 64)
+        self.file = "/nowhere/slope.tif"
 
     def sample(self, points):
         return tuple(self.at(lat) if lat < 46.9 else None for lat, _ in points)
