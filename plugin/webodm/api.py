@@ -97,8 +97,8 @@ A task
      "engine": "node" | "worker" | "gate", "engine_message": "..."}
 
 ``GET waiting?projects=7,8`` -> ``{"projects": {"7": [{"id", "name", "state", "message", "progress"}]}}``: the tasks
-of at most 100 projects that wait for the gate or are worked on; projects without any, and those that this user may
-not see, are left out.
+of at most 100 projects that wait for the gate or are worked on, and those whose upload broke off (``broken-off``);
+projects without any, and those that this user may not see, are left out.
 
 ``POST projects/<project>/tasks/<task>/<action>`` with an action out of
 ``actions`` (needs ``change_project``; ``override`` also the permission

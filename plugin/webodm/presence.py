@@ -20,7 +20,7 @@ from . import home
 LOG = logging.getLogger("app.logger")
 _KEY = f"{home.NAME}-worker-has"
 _FILE = Path(home.ROOT) / "__init__.py"
-RESTART = "docker restart webapp worker"
+RESTART = "./webodm.sh restart"
 
 
 def installed_at() -> float:

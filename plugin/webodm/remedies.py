@@ -86,7 +86,7 @@ HARMONIZED: FrozenSet[str] = frozenset(
         "stale-focal-plane",
     )
 )
-_CAN = "Harmonizing puts that right after the upload: open the task on the dashboard and choose Harmonize."
+_CAN = "Harmonizing puts that right after the upload: open the task on the dashboard and choose Prepare on this server."
 _NODE = "The processing node puts that right by itself."
 _CANNOT = "Sorting the files cannot change that, and harmonizing is not possible here; process them as they are."
 NODE, WORKER, GATE = "node", "worker", "gate"

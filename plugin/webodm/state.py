@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import time
 from typing import Any, Dict, List, Mapping, Optional, Sequence
 
+from ...stages.rules.text import plural
 from . import hold, home, preferences, preparing, records, tasks, workers
+from .proposal import TAG
 from .remedies import GATE, NODE, WORKER
 
 CHECK, OVERRIDE, SPLIT, JUDGE, PREPARE = "check", "override", "split", "judge", "prepare"
 ACTIONS = (CHECK, OVERRIDE, SPLIT, JUDGE, PREPARE)
+BROKEN_OFF = "broken-off"
 _MOST_TASKS = 5000
+# An upload that goes on puts a file there more often.
+_OPEN_S = 180.0
 _FAILED, _COMPLETED, _CANCELED = 30, 40, 50
 
 
@@ -59,7 +67,30 @@ def waiting_in(projects: Sequence[int], user: Any) -> Dict[str, List[Dict[str, A
                 "progress": record.get("progress"),
             }
         )
+    for task in Task.objects.filter(project_id__in=projects, project__deleting=False, partial=True)[:_MOST_TASKS]:
+        if not broken_off(task) or not user.has_perm("view_project", task.project):
+            continue
+        told.setdefault(str(task.project_id), []).append(
+            {
+                "id": str(task.pk),
+                "name": task.name or "",
+                "state": BROKEN_OFF,
+                "message": f"Its upload broke off after {plural(len(task.scan_images()), 'file')}. Delete this task "
+                "and choose the files again.",
+                "progress": None,
+            }
+        )
     return told
+
+
+def broken_off(task: Any) -> bool:
+    """Whether a task that the panel created is still open, and nobody has put a file into it for a while."""
+    if TAG not in (task.tags or "").split() and records.load(task.pk) is None:
+        return False
+    last = task.created_at.timestamp()
+    with contextlib.suppress(OSError):
+        last = max([last, *(e.stat().st_mtime for e in os.scandir(task.task_path()) if e.is_file())])
+    return time.time() - last > _OPEN_S
 
 
 def _waits(record: Mapping[str, Any]) -> bool:

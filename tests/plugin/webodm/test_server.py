@@ -104,6 +104,7 @@ def test_inside_a_little_webodm(
     }
     # A rootdir of its own: the settings of this repository's tests are not for it.
     command = [str(python), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", os.devnull, f"--rootdir={INSIDE}"]
+    command.append(f"--confcutdir={INSIDE}")
     done = subprocess.run(
         [*command, str(INSIDE / f"inside_{subject}.py")],
         cwd=str(INSIDE),

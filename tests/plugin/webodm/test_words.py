@@ -17,6 +17,8 @@ from sensorgate.stages.read import scan
 ROOT = Path(__file__).resolve().parents[3]
 REAL = ROOT.parent / "shared/data/real_frames"
 AS_SUGGESTED = Choices()
+# What these find comes out of harmonizing and alignment, whose report is a page of its own.
+LATER = ("plugin/advice.py", "plugin/harmonizing.py", "plugin/odm/cameras.py", "stages/harmonize/bands_findings.py")
 needs_real = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not on this machine")
 
 
@@ -92,6 +94,8 @@ def said_in_sources() -> Iterator[Tuple[str, str]]:
     """(code, remedy) of all findings that are made in the sources, with constants of the module put in."""
     for folder in ("stages", "plugin"):
         for file in sorted((ROOT / folder).rglob("*.py")):
+            if file.relative_to(ROOT).as_posix() in LATER:
+                continue
             for call in (n for n in ast.walk(ast.parse(file.read_text("utf-8"))) if isinstance(n, ast.Call)):
                 name = getattr(call.func, "id", getattr(call.func, "attr", ""))
                 named = {k.arg: k.value for k in call.keywords}
@@ -104,8 +108,6 @@ def said_in_sources() -> Iterator[Tuple[str, str]]:
 def test_every_remedy_of_the_command_line_has_one_here() -> None:
     found = list(said_in_sources())
     assert len(found) > 80
-    # These come out of harmonizing and alignment only, whose report is a page of its own ("": codes in variables).
-    later = {"", "band-refused", "not-reflectance", "joined-pairwise", "odm-camera-id-unsure", "align-to-anchor"}
     lacking = {
         code
         for code, remedy in found
@@ -113,7 +115,7 @@ def test_every_remedy_of_the_command_line_has_one_here() -> None:
         and code not in {*REMEDIES, *HARMONIZED}
         and not remedy_here(Finding(code, "error", (), "", remedy))
     }
-    assert lacking <= later | {c for c in lacking if c.startswith("gcp-")}, lacking - later
+    assert all(code.startswith("gcp-") or code == "not-reflectance" for code in lacking), lacking
 
 
 def test_every_code_here_is_a_finding() -> None:

@@ -242,3 +242,17 @@ def test_what_waits_is_told_to_who_may_see_it(people):
     assert people["nobody"].get(path).status_code in (401, 403)
     for wrong in ("", "x", "1," * 100 + "1", "1;2"):
         assert people["owner"].get(f"waiting?projects={wrong}").status_code == 400
+
+
+def test_an_upload_that_broke_off_is_told(people):
+    import datetime
+
+    project = people["project"]
+    long_ago = datetime.datetime.now() - datetime.timedelta(minutes=10)
+    for name, tags, since in (("left", "sensorgate rgb", long_ago), ("own", "", long_ago), ("new", "sensorgate", None)):
+        task = Task.objects.create(project=project, name=name, tags=tags, partial=True)
+        if since is not None:
+            Task.objects.filter(pk=task.pk).update(created_at=since)
+    told = people["owner"].get(f"waiting?projects={project.pk}").json()["projects"][str(project.pk)]
+    assert [(t["name"], t["state"]) for t in told] == [("left", "broken-off")] and "after 0 files" in told[0]["message"]
+    assert people["other"].get(f"waiting?projects={project.pk}").json() == {"projects": {}}

@@ -94,6 +94,8 @@ class Task(models.Model):
         os.makedirs(self.assets_path(), exist_ok=True)
 
     def scan_images(self):
+        if not os.path.isdir(self.task_path()):
+            return []
         return [e.name for e in os.scandir(self.task_path()) if e.is_file()]
 
     def update_size(self):
