@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from .view import SOURCE_WORDS, figure, in_words
+from .view import SOURCE_WORDS, figure, give_or_take, in_words
 
 SAME_ERROR = 0.01
 _FREE = {"solved": "solved", "heights": "from measured heights"}
@@ -58,7 +58,6 @@ def _contest(profile: str, rows: Sequence[Mapping[str, Any]], sigma: float) -> C
 
 def _row(row: Mapping[str, Any]) -> Candidate:
     bowing = row.get("bowing") or {}
-    bow, error = bowing.get("bowing_m"), bowing.get("se_m")
     lost = in_words(row.get("vetoed") or "") or "possible, not needed"
     return Candidate(
         name=name_of(row),
@@ -67,7 +66,7 @@ def _row(row: Mapping[str, Any]) -> Candidate:
         level=figure(row.get("gps_horizontal_m"), 2),
         vertical=figure(row.get("gps_vertical_m"), 2),
         height=figure(row.get("height_m"), 1),
-        bowing="–" if bow is None else f"{bow:+.2f}" + (f" ± {error:.2f}" if error is not None else ""),
+        bowing=give_or_take(bowing.get("bowing_m"), bowing.get("se_m")),
         outcome=("chosen, held fixed" if row["held"] else "chosen, left free") if row["chosen"] else lost,
         chosen=bool(row["chosen"]),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
-from .view import View, figure, plural
+from .view import View, figure, give_or_take, plural
 
 GOOD = "good"
 BAD = "bad"
@@ -177,7 +177,6 @@ def parts(found: Mapping[str, Any]) -> List[Part]:
 def _part(payload: Mapping[str, Any]) -> Part:
     together, alone = payload.get("together") or {}, payload.get("alone") or {}
     bowing = payload.get("bowing") or {}
-    bow, error = bowing.get("bowing_m"), bowing.get("se_m")
     crossed = payload.get("cross_pairs", 0)
     return Part(
         payload=payload["payload"],
@@ -187,7 +186,7 @@ def _part(payload: Mapping[str, Any]) -> Part:
         error=figure(payload.get("mean_reproj_error_px"), 2),
         level=_beside(together.get("horizontal_m"), alone.get("horizontal_m")),
         height=_beside(together.get("vertical_m"), alone.get("vertical_m")),
-        bowing="–" if bow is None else f"{bow:+.2f}" + (f" ± {error:.2f}" if error is not None else ""),
+        bowing=give_or_take(bowing.get("bowing_m"), bowing.get("se_m")),
     )
 
 

@@ -102,6 +102,13 @@ def figure(value: Optional[float], digits: int = 2, unit: str = "") -> str:
     return f"{shown.lstrip('-') if float(shown.replace(',', '')) == 0 else shown}{' ' + unit if unit else ''}"
 
 
+def give_or_take(value: Optional[float], error: Optional[float]) -> str:
+    """``-1.06 ± 1.53``: a signed figure with its standard error, where there is one."""
+    if value is None:
+        return "–"
+    return f"{value:+.2f}" + (f" ± {error:.2f}" if error is not None else "")
+
+
 def share(value: float) -> str:
     """A ratio as per cent."""
     return f"{100 * value:.1f} %"
