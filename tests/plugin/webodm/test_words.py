@@ -115,7 +115,8 @@ def test_every_remedy_of_the_command_line_has_one_here() -> None:
         and code not in {*REMEDIES, *HARMONIZED}
         and not remedy_here(Finding(code, "error", (), "", remedy))
     }
-    assert all(code.startswith("gcp-") or code == "not-reflectance" for code in lacking), lacking
+    # The code of ground control that is too little stands in a variable; the other is said of a wish nobody has here.
+    assert all(code.startswith("gcp-") or code in ("", "not-reflectance") for code in lacking), lacking
 
 
 def test_every_code_here_is_a_finding() -> None:
