@@ -55,15 +55,19 @@
           button("Check again", "btn-default", function () { check.restart(); }));
       }
       if (!verdict) return [views.cameras(check.cameras), views.leftOut(check.unread, act)];
-      if (act.busy) {
-        return [views.headline(verdict, true), views.comparison(verdict), views.cameras(verdict.cameras),
-          views.leftOut(check.unread, act), buttons(verdict)];
-      }
+      // The buttons stay in view beside the details; they shall not lie over the headline.
+      return [views.headline(verdict, act.busy), h("div", null, act.busy ? soFar(verdict) : details(verdict), buttons(verdict))];
+    }
+
+    function soFar(verdict) {
+      return [views.comparison(verdict), views.cameras(verdict.cameras), views.leftOut(check.unread, act)];
+    }
+
+    function details(verdict) {
       var left = verdict.left_out.concat(check.unread.filter(function (each) {
         return !verdict.left_out.some(function (told) { return told.id === each.id; });
       }));
       return [
-        views.headline(verdict),
         views.comparison(verdict),
         views.findings(verdict, act),
         views.leftOut(left, act),
@@ -71,8 +75,7 @@
         views.tasks(verdict, act, baseName()),
         views.rules(verdict, act),
         verdict.tasks.length ? views.others(sensorgate.others.place(check.others, check.files, verdict).told) : null,
-        notes(verdict),
-        buttons(verdict)
+        notes(verdict)
       ];
     }
 
