@@ -25,8 +25,8 @@ def gps_missing(folder: Folder) -> Iterator[Finding]:
             "odm-gps-none",
             WARNING,
             without,
-            "No frame has a position: ODM would match by visual words, with weaker features, and the result "
-            "has neither place nor scale.",
+            "No frame has a position: ODM would match by visual words, with weaker features, and without ground "
+            "control the result has neither place nor scale.",
             "Give positions in a geo.txt (--geo) or ground control (--gcp).",
             odm="No GPS information, using BOW matching by default "
             "(you can override this by setting --matcher-type explicitly)",
