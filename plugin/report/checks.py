@@ -73,25 +73,33 @@ def alignment_checks(view: View, project: Mapping[str, Any]) -> List[Check]:
     if found is None:
         return []
     limit = view.threshold
-    checks: List[Optional[Check]] = [_registered(found, limit)]
+    checks: List[Optional[Check]] = [_registered(found, limit, project["route"] != "unproven")]
     if found["components"]:  # without a model there is nothing else to judge
         checks += [_reprojection(found, limit), *_gps(found), *_control(found), _height(found), _bowing(found, limit)]
     return [c for c in (*checks, _inliers(found, limit)) if c]
 
 
-def _registered(found: Mapping[str, Any], limit: Mapping[str, float]) -> Check:
-    total, placed, models = found["frames"], found["registered"], found["components"]
-    enough = total > 0 and placed / total >= limit.get("min_registered_share", 0.5) and models == 1
+def in_main(found: Mapping[str, Any]) -> int:
+    """Frames in the largest model: what ODM would keep."""
+    known = [p["in_main_component"] for p in found.get("payloads", []) if "in_main_component" in p]
+    return min(sum(known), int(found["registered"])) if known else int(found["registered"])
+
+
+def _registered(found: Mapping[str, Any], limit: Mapping[str, float], accepted: bool) -> Check:
+    total, placed, models = found["frames"], in_main(found), found["components"]
+    enough = total > 0 and placed / total >= limit.get("min_registered_share", 0.5) and models > 0
+    state = GOOD if enough and models == 1 else NOTE if enough and accepted else BAD
+    outside = plural(total - placed, "frame")
     words = (
         ""
         if models == 1 and placed == total
-        else f"{plural(total - placed, 'frame')} found no place; the rest hang together."
+        else f"{outside} found no place; the rest hang together."
         if models == 1
         else "No model could be built."
         if models == 0
-        else f"The frames fall apart into {models} models; ODM would keep only the largest."
+        else f"The frames fall apart into {models} models; ODM would keep the largest, without {outside}."
     )
-    return Check("Frames placed", f"{placed:,} of {total:,}", "in one model", GOOD if enough else BAD, words)
+    return Check("Frames placed", f"{placed:,} of {total:,}", "in one model", state, words)
 
 
 def _reprojection(found: Mapping[str, Any], limit: Mapping[str, float]) -> Check:

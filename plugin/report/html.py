@@ -130,6 +130,7 @@ def _project(view: View, project: Mapping[str, Any]) -> Dict[str, Any]:
         **project,
         "why": checks.why(view, project),
         "checks": checks.alignment_checks(view, project),
+        "placed": checks.in_main(found) if found else None,
         "parts": checks.parts(found),
         "control": checks.control_table(found),
         "words": story.option_words(project["options"]),

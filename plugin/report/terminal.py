@@ -7,6 +7,7 @@ import unicodedata
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
 from . import story, svg
+from .checks import in_main
 from .view import SHORT_SOURCES, PayloadRow, View, figure, plural
 
 # With the line that names the report's file, 25 lines.
@@ -211,7 +212,7 @@ def _figures(project: Mapping[str, Any]) -> str:
     found = project["alignment"]
     if found is None:
         return "" if not project["reasons"] else f"; {project['reasons'][0]}"
-    parts = [f"{found['registered']}/{found['frames']} placed"]
+    parts = [f"{in_main(found)}/{found['frames']} placed"]
     if found["mean_reproj_error_px"] is not None:
         parts.append(f"{found['mean_reproj_error_px']:.2f} px")
     if found["gps_rmse_m"] is not None:

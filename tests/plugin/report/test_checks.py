@@ -24,6 +24,7 @@ def test_checks_judge_by_the_limits() -> None:
     report["subprojects"][0]["alignment"].update(
         mean_reproj_error_px=2.4, gps_horizontal_m=56.0, components=3, median_inliers=12, bowing_m=0.5, bowing_se_m=0.04
     )
+    report["subprojects"][0]["route"] = "unproven"
     bad = judged(report)
     for name in ("Reprojection error", "GPS fit, level", "Frames placed", "Matches per pair"):
         assert bad[name].state == checks.BAD
@@ -55,6 +56,19 @@ def test_cross_words_tell_a_gps_shift() -> None:
     found = copy.deepcopy(sample()["subprojects"][0]["alignment"])
     found["payloads"][1]["gps_offset_m"] = [12.0, -3.25, 18.0]
     assert "shifted by +12.0 m east, -3.2 m north, +18.0 m up" in checks.cross_words(found, 30)[-1]
+
+
+def test_frames_outside_the_largest_model_are_not_placed() -> None:
+    report = sample()
+    found = report["subprojects"][0]["alignment"]
+    found["components"], total = 2, found["frames"]
+    for payload in found["payloads"]:
+        payload["in_main_component"] = payload["registered"] - 4
+    check = judged(report)["Frames placed"]
+    assert check.state == checks.NOTE and check.value == f"{checks.in_main(found)} of {total}"
+    assert "without 10 frames" in check.words and checks.in_main(found) == total - 10
+    report["subprojects"][0]["route"] = "unproven"
+    assert judged(report)["Frames placed"].state == checks.BAD
 
 
 def test_what_the_tables_say_is_not_said_again() -> None:
