@@ -92,9 +92,16 @@ def _values(about: str, then: Record, now: Record) -> List[Difference]:
     for name in sorted({*then, *now}):
         a, b = then.get(name), now.get(name)
         if a != b:
-            was, has = (f"{name} was {a}" if a is not None else f"{name} was not there"), "none" if b is None else b
-            found.append(Difference(about, (name,), f"{was}, now {has}.", _word(a), _word(b)))
+            found.append(Difference(about, (name,), _otherwise(name, a, b), _word(a), _word(b)))
     return found
+
+
+def _otherwise(name: str, then: Any, now: Any) -> str:
+    """Both values in a sentence; numbers as short as they still differ."""
+    a, b = _word(then) or "none", _word(now) or "none"
+    if isinstance(then, float) and isinstance(now, float) and f"{then:.6g}" != f"{now:.6g}":
+        a, b = f"{then:.6g}", f"{now:.6g}"
+    return f"{name} was {a}, now {b}."
 
 
 def _word(value: Any) -> Optional[str]:
@@ -131,7 +138,7 @@ def _decisions(then: Record, now: Record) -> List[Difference]:
             continue
         for name in sorted({*a, *b} - {"profile", "flight", "frames", "reasons"}):
             if a.get(name) != b.get(name):
-                text = f"{flight}: {name} was {a.get(name)}, now {b.get(name)}."
+                text = f"{flight}: {_otherwise(name, a.get(name), b.get(name))}"
                 found.append(Difference(DECISION, key, text, _word(a.get(name)), _word(b.get(name))))
         found.extend(_frames(flight, a, b, twin, both))
     luts = {t["id"]: t for t in then["harmonize"]["luts"]}, {t["id"]: t for t in now["harmonize"]["luts"]}
