@@ -15,6 +15,8 @@ from .solution import CameraSetting, EngineSettings, Job, JobFrame, Retrieval
 
 RUNGS = ("quick", "alone", "reference", "mixed", "pairwise")
 _VERIFY_PX_AT = (4.0, 1600.0)
+# SIFT places a feature to about half a pixel; two of them and a lens that is not yet solved need this much.
+_VERIFY_PX_LEAST = 1.5
 
 
 def sorted_request(request: AlignRequest) -> AlignRequest:
@@ -124,6 +126,12 @@ def build_job(
         luts = tables.get(frame.lut, ()) if frame.lut is not None else ()
         frames.append(JobFrame(frame.path, frame.file, camera, frame.flight, luts))
     cameras = tuple(starting_camera(c, max_dim, limits) for c in request.cameras)
+    settings = engine_settings(rung, max_dim, threads, limits)
+    # A share of the picture, not of what it might have been: at 4 px in frames 700 px wide a fifth of
+    # any wrong matches lie on some epipolar line, and 30 of them pass for a tie.
+    share = max((max(c.width, c.height) for c in cameras), default=max_dim) / max_dim
+    error = max(_VERIFY_PX_LEAST, round(settings.verify_error_px * share, 3))
+    settings = replace(settings, verify_error_px=min(settings.verify_error_px, error))
     retrieval = list(extra)
     if plan.blind:
         everyone = tuple(range(len(frames)))
@@ -132,7 +140,7 @@ def build_job(
         frames=tuple(frames),
         cameras=cameras,
         pairs=plan.pairs,
-        settings=engine_settings(rung, max_dim, threads, limits),
+        settings=settings,
         retrieval=tuple(retrieval),
         apart=captures(request.frames),
     )

@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from sensorgate.stages.align.features import workers
-from sensorgate.stages.align.prepare import engine_settings, rung_max_dim
+from sensorgate.stages.align.pairs import plan_pairs
+from sensorgate.stages.align.prepare import build_job, engine_settings, rung_max_dim
 from sensorgate.stages.errors import UsageError
 from sensorgate.stages.thresholds import DEFAULTS
+
+from tests.stages.align.scenes import frames, grid, request
 
 
 def _settings(rung, threads=8):
@@ -36,3 +41,10 @@ def test_extraction_takes_as_many_threads_as_memory_holds():
     assert workers([(1600, 1600), (600, 400)], reference) == 1
     assert workers([(1200, 900)], _settings("quick", threads=1)) == 1
     assert workers([], quick) == 8
+
+
+@pytest.mark.parametrize(("width", "height", "error"), [(4000, 3000, 4.0), (800, 600, 2.0), (320, 240, 1.5)])
+def test_small_frames_are_verified_by_a_share_of_their_own_size(width, height, error):
+    block = request([replace(f, width=width, height=height) for f in frames(grid())])
+    plan = plan_pairs(block.frames, block.cameras, DEFAULTS)
+    assert build_job(block, plan, "mixed", 1600, 1, DEFAULTS).settings.verify_error_px == error
