@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any, Dict, Iterator, List
+from typing import Any, Dict, Iterator, List, Sequence
 
 import pytest
 from sensorgate.plugin.report.html import render
@@ -41,18 +41,23 @@ def parsed(colour: str) -> List[float]:
     return values if len(values) == 4 else [*values, 1.0]
 
 
-def luminance(colour: List[float]) -> float:
+def luminance(colour: Sequence[float]) -> float:
     """Relative luminance as WCAG 2 defines it."""
     parts = [v / 255.0 for v in colour[:3]]
     linear = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in parts]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
+def ratio(one: Sequence[float], other: Sequence[float]) -> float:
+    """Contrast of two colours, 1 to 21."""
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
 def contrast(text: Dict[str, Any]) -> float:
     """WCAG 2 contrast ratio of a text on the first opaque colour behind it."""
     behind = next((b for b in map(parsed, text["behind"]) if b[3] == 1.0), [255.0, 255.0, 255.0, 1.0])
-    one, other = luminance(parsed(text["colour"])), luminance(behind)
-    return (max(one, other) + 0.05) / (min(one, other) + 0.05)
+    return ratio(parsed(text["colour"]), behind)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +144,12 @@ def test_every_text_has_contrast(page: Browser, scheme: str) -> None:
     page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
     page.run("document.querySelectorAll('details').forEach(d => d.open = true)")
     texts = page.run(TEXTS)
+    names = [f"--c{i}" for i in range(12)] + ["--ground", "--card"]
+    values = page.run(f"{names}.map(n => getComputedStyle(document.documentElement).getPropertyValue(n))")
     page.call("Emulation.setEmulatedMedia", features=[])
+    *palette, ground, card = ([int(v.strip()[i : i + 2], 16) for i in (1, 3, 5)] for v in values)
+    for colour in palette:  # WCAG asks 3:1 of what is no text
+        assert min(ratio(colour, ground), ratio(colour, card)) >= 3.0, colour
     assert len(texts) > 10
     faint = {t["text"]: round(contrast(t), 2) for t in texts if contrast(t) < 4.5}
     assert faint == {}
