@@ -19,7 +19,7 @@ def several_guilty(seed: int) -> Survey:
     field, wood = Scene("field", HOME, key="field"), Scene("wood", HOME, key="wood")
     return survey_of(
         "several-guilty",
-        (camera, fly(camera, Plan(50.0, 3, 5, side=0.6), GROUND, seed)),
+        (camera, fly(camera, Plan(50.0, 2, 5, side=0.6), GROUND, seed)),
         (canon, fly(canon, Plan(50.0, 2, 3, side=0.6, start_s=39600.0, first_number=501), field, seed)),
         (parrot, fly(parrot, Plan(50.0, 2, 3, heading_deg=90.0, side=0.6, start_s=43200.0), wood, seed)),
         scenes=(GROUND, field, wood),
@@ -33,8 +33,8 @@ def two_in_one(seed: int) -> Survey:
     elsewhere = Scene("elsewhere", HOME, key="elsewhere")
     return survey_of(
         "two-in-one",
-        (camera, fly(camera, Plan(50.0, 3, 5, side=0.6), GROUND, seed)),
-        (again, fly(again, Plan(50.0, 2, 4, side=0.6, start_s=43200.0, first_number=101), elsewhere, seed)),
+        (camera, fly(camera, Plan(50.0, 2, 5, side=0.6), GROUND, seed)),
+        (again, fly(again, Plan(50.0, 2, 3, side=0.6, start_s=43200.0, first_number=101), elsewhere, seed)),
         scenes=(GROUND, elsewhere),
     )
 
@@ -43,9 +43,9 @@ def areas_shared(seed: int) -> Survey:
     """Two fields with two hundred metres between them: one drone flew both, another only the far one."""
     both, far = small(catalogue.phantom4pro(project="rgb")), small(catalogue.phantom4(project="rgb"))
     east = (260.0, 20.0)
-    here = Plan(40.0, 2, 5, side=0.6, name="both")
+    here = Plan(40.0, 2, 4, side=0.6, name="both")
     there = Plan(40.0, 2, 4, east, side=0.6, start_s=36090.0, first_number=11, name="both")
-    across = Plan(45.0, 2, 4, east, heading_deg=90.0, side=0.6, start_s=39600.0, first_number=201)
+    across = Plan(45.0, 2, 3, east, heading_deg=90.0, side=0.6, start_s=39600.0, first_number=201)
     return survey_of(
         "areas-shared",
         (both, fly(both, here, GROUND, seed)),
@@ -61,8 +61,8 @@ def lock_beside_guess(seed: int) -> Survey:
     silent = replace(silent, model="Kestrel K2", project="free", name_pattern="KES_{number:04d}.JPG")
     return survey_of(
         "lock-beside-guess",
-        (known, fly(known, Plan(50.0, 3, 6, side=0.6), GROUND, seed, RTK)),
-        (silent, fly(silent, Plan(50.0, 3, 5, heading_deg=90.0, side=0.6, start_s=39600.0), GROUND, seed)),
+        (known, fly(known, Plan(50.0, 2, 6, side=0.6), GROUND, seed, RTK)),
+        (silent, fly(silent, Plan(50.0, 2, 4, heading_deg=90.0, side=0.6, start_s=39600.0), GROUND, seed)),
     )
 
 
@@ -78,8 +78,8 @@ def river(seed: int) -> Survey:
         scenes=(HILLS,),
     )
     banks = (
-        *targets(seed, (26.0, 28.0), 6, 2, (-63.0, 0.0), "w"),
-        *targets(seed, (26.0, 28.0), 6, 1, (63.0, 0.0), "e"),
+        *targets(seed, (20.0, 20.0), 6, 2, (-63.0, 0.0), "w"),
+        *targets(seed, (20.0, 20.0), 6, 1, (63.0, 0.0), "e"),
     )
     return replace(survey, points=banks)
 
@@ -88,10 +88,10 @@ def two_heights(seed: int) -> Survey:
     """A camera of no sheet: one flight with RTK, a higher one across without, whose altitudes lie 6 m off."""
     camera = small(catalogue.kestrel())
     plain = Receiver(bias_m=(0.9, -0.7, 0.0), altitude_bias_m=6.0)
-    across = Plan(75.0, 2, 4, heading_deg=90.0, start_s=43200.0, first_number=101)
+    across = Plan(75.0, 2, 3, heading_deg=90.0, start_s=43200.0, first_number=101)
     return survey_of(
         "two-heights",
-        (camera, fly(camera, Plan(50.0, 3, 5, side=0.6), GROUND, seed, RTK)),
+        (camera, fly(camera, Plan(50.0, 2, 5, side=0.6), GROUND, seed, RTK)),
         (camera, fly(camera, across, GROUND, seed, plain)),
     )
 
