@@ -91,9 +91,10 @@ def keep_report(folder: Path, inspection: Inspection) -> Dict[str, Any]:
     report = pipeline.gate(plain.paths, plain.settings, inspection=plain).report
     write_text(folder / "report.json", dumps(report))
     try:
-        from ..report.html import render
+        with home.packages():
+            from ..report.html import render
 
-        write_text(folder / "report.html", render(report))
+            write_text(folder / "report.html", render(report))
     except MissingDependency as error:
         LOG.info("sensorgate: %s", error)
     return report

@@ -32,22 +32,19 @@ class Claim:
     by: str
 
 
-def demanding(choices: Choices) -> bool:
-    """Whether the choices go against what the gate would do."""
-    return bool({SPLIT, LEAVE_OUT} & choices.off) or any(choices.moves.values())
+def noted(user: Any, choices: Choices, proposal: Proposal, suggested: Proposal, key: str) -> Optional[Dict[str, Any]]:
+    """What is kept in a task's record; ``None`` where no such task was proposed.
 
-
-def noted(user: Any, choices: Choices, proposal: Proposal, key: str) -> Optional[Dict[str, Any]]:
-    """What is kept in a task's record; ``None`` where no such task was proposed."""
+    It goes against the gate where it holds frames of several groups that are
+    ``suggested``, or frames that would be left out.
+    """
     part = next((t for t in proposal.tasks if t.key == key), None)
     if part is None:
         return None
-    return {
-        "by": user.pk,
-        "off": sorted(choices.off),
-        "against": demanding(choices),
-        "files": _digest(part.names.values()),
-    }
+    group = {path: t.key for t in suggested.tasks for path in t.frames}
+    against = len({group.get(path, "") for path in part.frames}) > 1 or any(p not in group for p in part.frames)
+    files = _digest(part.names.values())
+    return {"by": user.pk, "off": sorted(choices.off), "against": against, "files": files}
 
 
 def made(record: Mapping[str, Any], inspection: Inspection) -> Optional[Claim]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 from os.path import abspath, basename, dirname, join
 from pathlib import Path
-from typing import Any, Optional
+from typing import Any, Iterator, Optional
 
 HERE = dirname(abspath(__file__))
 ROOT = dirname(dirname(HERE))
@@ -73,6 +75,17 @@ def ensure_permission() -> None:
 def packages_folder() -> str:
     """Where WebODM itself puts what a plugin needs."""
     return join(ROOT, "site-packages")
+
+
+@contextlib.contextmanager
+def packages() -> Iterator[None]:
+    """What was put into that folder can be imported meanwhile; WebODM's own packages come first."""
+    folder = packages_folder()
+    sys.path.append(folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
 
 
 def find_task(task_id: Any) -> Optional[Any]:

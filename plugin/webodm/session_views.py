@@ -175,7 +175,7 @@ class Claim(SessionView):
             return {"honoured": True, "message": ""}
         with preferences.settings_for(self.request.user) as settings:
             inspection = of_session(session.gather(), settings, session.control("gcp"), session.control("geo"))
-        kept = claims.noted(self.request.user, choices, propose(inspection, choices), key)
+        kept = claims.noted(self.request.user, choices, propose(inspection, choices), propose(inspection), key)
         if kept is not None:
             records.change(task.pk, claim=kept)
         honoured = kept is not None and (not kept["against"] or home.may_override(self.request.user))

@@ -367,7 +367,8 @@ def claimed(project, user, files, task, **choices):
     made = proposal.Choices(frozenset(choices.get("off", ())), choices.get("moves", {}))
     inspection = gathering.of_task(Path(files), inspection_of.DEFAULT_SETTINGS)
     planned = proposal.propose(inspection, made)
-    return claims.noted(user, made, planned, choices.get("key", planned.tasks[0].key))
+    suggested = proposal.propose(inspection)
+    return claims.noted(user, made, planned, suggested, choices.get("key", planned.tasks[0].key))
 
 
 def arriving(project, files, claim):
@@ -395,6 +396,22 @@ def test_what_was_chosen_in_new_task_is_kept_where_the_user_may(project, frames,
     work()
     assert records.load(task.pk)["state"] == ("overridden" if may else "split") and ready(task) is may
     assert ("owner chose in New Task" in records.load(task.pk)["message"]) is may
+
+
+def test_only_a_part_of_several_groups_goes_against_the_gate(project, frames):
+    both = frames["one"] + frames["two"]
+    task = uploaded(project, both, auto_processing_node=False)
+    gathering = importlib.import_module(f"{webodm}.gathering")
+    proposal = importlib.import_module(f"{webodm}.proposal")
+    inspection_of = importlib.import_module(f"plugins.{FOLDER}.plugin.inspection")
+    from pathlib import Path
+
+    inspection = gathering.of_task(Path(task.task_path()), inspection_of.DEFAULT_SETTINGS)
+    first, second = proposal.propose(inspection).tasks
+    where = {"moves": {second.payloads[0]: ""}, "key": first.key}
+    assert claimed(project, project.owner, task.task_path(), task, **where)["against"] is False
+    where = {"moves": {second.payloads[0]: first.key}, "key": first.key}
+    assert claimed(project, project.owner, task.task_path(), task, **where)["against"] is True
 
 
 def test_a_choice_counts_for_the_files_that_it_was_made_for(project, frames):
