@@ -143,6 +143,11 @@ class Thresholds:
         "ratio of height",
         "a free network's own bends are about half a footprint long: nearer heights err together",
     )
+    dem_scale_floor: float = _number(
+        0.003,
+        "ratio",
+        "relief tells no scale better: a free network warps by more than tilt and bow (rendered blocks: 0.0 to 0.6 %)",
+    )
     dem_min_patches: int = _number(
         6, "patches", "ground in fewer patches that err apart shows an elevation model's errors by chance only"
     )

@@ -335,7 +335,8 @@ def _choose_focal(
         off = f" within {abs(1.0 / scale.ratio - 1.0):.1%}" if scale is not None else ""
         return first, f"focal from {first}, which {MODEL} confirms{off}"
     if HEIGHTS in at:
-        return HEIGHTS, f"measured heights ({geometry.height_by}): the geometry fixes the focal"
+        known = f"{geometry.height_by}, to {geometry.height_sigma or 0.0:.1%}"
+        return HEIGHTS, f"measured heights ({known}): the geometry fixes the focal"
     if strong and SOLVED in at:
         return SOLVED, "the geometry fixes the focal"
     why = f"focal from {first}"

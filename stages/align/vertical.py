@@ -305,10 +305,11 @@ def _against(
     inside = scores.T @ scores * (many / (many - 1.0)) + np.diag(spreads**-2.0)
     inside += design[:cameras].T @ (sure[:cameras, None] * design[:cameras])
     variance = max(float(spread[0, 0]), float((spread @ inside @ spread)[0, 0]))
-    relief = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))
-    # Errors of solved heights flatten the line by their share in the relief that tilt and bow leave.
-    flattened = (noise**2 + shared**2) / max(relief, 1e-6) ** 2 if level is None else 0.0
-    return VerticalScale(float(found[0]), math.hypot(math.sqrt(max(variance, 0.0)), flattened), MODEL)
+    if level is None:
+        # Errors of solved heights flatten the line by their share in the relief that tilt and bow leave.
+        relief = max(1.4826 * float(np.median(np.abs(rest - np.median(rest)))), 1e-6)
+        variance += ((noise**2 + shared**2) / relief**2) ** 2 + limits.dem_scale_floor**2
+    return VerticalScale(float(found[0]), math.sqrt(max(variance, 0.0)), MODEL)
 
 
 def _medians(values: Array, patch: Ints) -> Array:
