@@ -17,8 +17,14 @@ from .. import pipeline
 
 _TELL_S = 1.0
 # Which part of the whole a stage is: (start, size). What has no entry is alignment.
-_SHARES = {"read": (0.0, 0.05), "tones": (0.05, 0.05), "bands": (0.1, 0.1), "harmonize": (0.2, 0.3)}
-_ALIGN = (0.5, 0.5)
+_SHARES = {
+    "read": (0.0, 0.05),
+    "tones": (0.05, 0.05),
+    "bands": (0.1, 0.1),
+    "harmonize": (0.2, 0.2),
+    "calibration": (0.7, 0.29),
+}
+_ALIGN = (0.4, 0.3)
 
 
 class Teller:

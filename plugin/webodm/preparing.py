@@ -40,6 +40,7 @@ _WORDS = {
     "tones": "comparing brightness",
     "bands": "laying the bands on each other",
     "harmonize": "writing frames that can be matched",
+    "calibration": "trying which calibration holds",
 }
 
 
