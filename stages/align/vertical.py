@@ -302,7 +302,7 @@ def _against(
     # Cells of one patch err alike in more than its mean: they count as one group (Liang & Zeger 1986).
     scores = patches.T @ (((values - design @ found) * sure)[ground, None] * design[ground])
     many = patches.shape[1]
-    inside = scores.T @ scores * (many / (many - 1.0)) + np.diag(spreads**-2.0)
+    inside = scores.T @ scores * (many / max(many - 1.0, 1.0)) + np.diag(spreads**-2.0)
     inside += design[:cameras].T @ (sure[:cameras, None] * design[:cameras])
     variance = max(float(spread[0, 0]), float((spread @ inside @ spread)[0, 0]))
     if level is None:
