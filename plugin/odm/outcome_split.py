@@ -85,7 +85,7 @@ def _report(
     limits: Thresholds,
 ) -> AlignmentReport:
     """One report of all parts. Each part is a piece by design; more pieces than parts are a failure of one."""
-    frames: Dict[str, AlignedFrame] = {f.path: f for f in whole.frames}
+    frames: Dict[str, AlignedFrame] = {f.path: AlignedFrame(f.path, False) for f in whole.frames}
     first = 0
     for _, report in parts:
         for frame in report.frames:
@@ -98,7 +98,7 @@ def _report(
     inside = Counter(payload_of.get(path, "") for path in main)
     payloads = tuple(
         replace(
-            _payload(p, parts, limits),
+            _payload(p, parts, placed[p.payload], limits),
             frames=p.frames,
             registered=placed[p.payload],
             in_main_component=inside[p.payload],
@@ -114,7 +114,7 @@ def _report(
         frames=tuple(frames[path] for path in sorted(frames)),
         registered=sum(f.registered for f in frames.values()),
         components=first,
-        areas=len(parts),
+        areas=sum(r.areas for _, r in parts),
         mean_reproj_error_px=round(sum(e * n for e, n in weighed) / total, 4) if total else None,
         anchor=largest.anchor,
         gps=largest.gps,
@@ -131,9 +131,9 @@ def _report(
 
 
 def _payload(
-    whole: PayloadAlignment, parts: Sequence[Tuple[str, AlignmentReport]], limits: Thresholds
+    whole: PayloadAlignment, parts: Sequence[Tuple[str, AlignmentReport]], placed: int, limits: Thresholds
 ) -> PayloadAlignment:
-    """One payload over all parts: by its worst part among those that can tell."""
+    """One payload over all parts, which placed so many of its frames: by its worst part among those that can tell."""
     mine = [(name, p) for name, report in parts for p in report.payloads if p.payload == whole.payload]
     telling = [(name, p) for name, p in mine if p.frames >= limits.min_proof_frames] or mine
     if not telling:
@@ -142,6 +142,8 @@ def _payload(
     verdict = FAIL if FAIL in verdicts else UNPROVEN if UNPROVEN in verdicts else PASS
     bad = [(name, p) for name, p in telling if p.verdict == verdict]
     shown = max(bad, key=lambda x: x[1].registered)[1]
+    if placed < limits.min_registered_share * whole.frames:
+        return replace(shown, verdict=FAIL, reasons=(f"{placed} of its {whole.frames} frames are in any part",))
     if verdict == PASS:
         reasons = (f"holds in {len(telling)} of {len(parts)} parts of the run", *shown.reasons)
     else:

@@ -330,6 +330,20 @@ def test_a_split_run_is_judged_by_its_parts(tmp_path: Path) -> None:
     assert gone.exit_code == 1 and any("parts are gone" in n for n in gone.notes)
 
 
+def test_a_split_run_that_lost_a_part_is_no_success(tmp_path: Path) -> None:
+    folder = write_split(fly_block(strips=4), tmp_path / "project", overlap=-2)
+    lost = folder / "submodels/submodel_0001/opensfm"
+    for name in ("reconstruction.json", "reconstruction.topocentric.json"):
+        (lost / name).unlink()
+    shutil.rmtree(lost.parent / "odm_report")
+    found = read_outcome(folder)
+    assert (found.registered, len(found.missing)) == (16, 24) and found.exit_code == 1
+    assert {p.verdict for p in found.payloads} == {"fail"}
+    assert found.alignment is not None and found.alignment.payloads[0].reasons == (
+        "8 of its 20 frames are in any part",
+    )
+
+
 def test_one_bad_part_of_a_split_run_condemns_the_payload_that_is_bad_in_it(tmp_path: Path) -> None:
     block = fly_block(strips=4)
     folder = write_split(block, tmp_path / "project")
