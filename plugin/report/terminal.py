@@ -228,8 +228,8 @@ def _next(view: View, out: str) -> str:
     if not view.written:
         paths: Sequence[str] = report["inputs"]["paths"]
         return f"sensorgate run {' '.join(story.quoted(p) for p in paths)} --out {story.quoted(out)}"
-    ready = [s["name"] for s in report["subprojects"] if s["route"] != "unproven"] or [
-        s["name"] for s in report["subprojects"]
-    ]
+    ready = [s["name"] for s in report["subprojects"] if s["route"] != "unproven"]
+    asked = "" if ready else " --include-unproven"
+    ready = ready or [s["name"] for s in report["subprojects"]]
     script = story.quoted(f"{out}/projects/{ready[0]}/sensorgate/odm.sh")
-    return f"sensorgate submit {story.quoted(out)} --node URL, or {script}"
+    return f"sensorgate submit {story.quoted(out)} --node URL{asked}, or {script}"

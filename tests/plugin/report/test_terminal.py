@@ -35,6 +35,14 @@ def test_tells_the_story() -> None:
     assert text.index("mixed-spectra") < text.index("truncated-file") < text.index("focal-variance")
 
 
+def test_what_is_unproven_is_sent_only_when_asked_for() -> None:
+    report = sample()
+    assert "--include-unproven" not in "\n".join(lines(report))
+    for project in report["subprojects"]:
+        project["route"] = "unproven"
+    assert "--node URL --include-unproven" in "\n".join(lines(report))
+
+
 def crowded(per_flight: int = 8) -> Dict[str, Any]:
     """More of everything than 25 lines hold."""
     report = sample(per_flight)
