@@ -47,10 +47,10 @@ def judge_task(task: Any) -> Judgement:
             return Judgement(UNREADABLE, (f"Its products cannot be judged: {said}",))
         if getattr(told, "state", "") == "failed":
             return Judgement(STOP, tuple(told.reasons))
+        reasons = tuple(str(r).replace("in this folder", "among what WebODM keeps") for r in told.reasons)
         if told.alignment is None:
-            return Judgement(UNREADABLE, tuple(str(r) for r in told.reasons))
-        placed = _placed(told.registered, told.frames)
-        return Judgement(str(told.route), (placed, *(str(r) for r in told.reasons)))
+            return Judgement(UNREADABLE, reasons)
+        return Judgement(str(told.route), (_placed(told.registered, told.frames), *reasons))
     text = str(task.console.output() or "")
     return judge_console(text.rstrip().split("\n")[-_CONSOLE_LINES:], str(task.last_error or ""))
 
