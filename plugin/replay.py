@@ -86,10 +86,7 @@ def _thresholds(plan: Plan, given: Thresholds) -> Thresholds:
             f"--plan: it sets {listing([repr(clean_text(n)[:40]) for n in unknown])}, which this version does not "
             "know. Replay it with the version of sensorgate that wrote it."
         )
-    try:
-        limits = DEFAULTS.replaced(told)
-    except OverflowError:
-        raise UsageError("--plan: one of its thresholds is no number that a computer can hold.") from None
+    limits = DEFAULTS.replaced(told)
     for field in dataclasses.fields(Thresholds):
         name = field.name
         default, asked, wanted = field.default, getattr(given, name), getattr(limits, name)

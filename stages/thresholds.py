@@ -8,11 +8,14 @@ number of their own.
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass, field
 from typing import Any, Dict, Mapping
 
 from .errors import UsageError
+
+
+# No threshold comes near; a whole number beyond 1e308 could not even become a float.
+_BEYOND = 1e300
 
 
 def _number(default: Any, unit: str, why: str) -> Any:
@@ -475,7 +478,8 @@ class Thresholds:
         for name, value in changes.items():
             if name not in known:
                 raise UsageError(f"There is no threshold named {name!r}. Known names: {', '.join(sorted(known))}.")
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not number or not abs(value) < _BEYOND:
                 raise UsageError(f"Threshold {name!r} needs a finite number, not {value!r}.")
             whole = isinstance(known[name].default, int)
             if whole and value != int(value):
