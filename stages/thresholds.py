@@ -13,7 +13,6 @@ from typing import Any, Dict, Mapping
 
 from .errors import UsageError
 
-
 # No threshold comes near; a whole number beyond 1e308 could not even become a float.
 _BEYOND = 1e300
 
@@ -361,7 +360,7 @@ class Thresholds:
         8192, "features", "COLMAP's own cap, for what came out close to a limit with the quick rung's features"
     )
     mixed_peak_threshold: float = _number(0.003, "contrast", "mixed block: admits weaker extrema than COLMAP's 0.0067")
-    mixed_max_features: int = _number(12000, "features", "mixed block")
+    mixed_max_features: int = _number(12000, "features", "mixed block: coarse frames find partners among more")
     mixed_max_ratio: float = _number(0.85, "ratio", "mixed block: Lowe's ratio")
     filter_max_reproj_error_px: float = _number(4.0, "px", "mixed block: observations beyond it are dropped")
     affine_iterations: int = _number(5000, "iterations", "RANSAC across spectra")
