@@ -136,13 +136,26 @@ def _map(pycolmap: Any, job: Job, features: Sequence[Features], verified: Dict[P
     arguments: Dict[str, Any] = {}
     if job.start is not None:
         options.fix_existing_frames = True
-        arguments["input_path"] = str(stored_models(Path(job.start))[0])
+        arguments["input_path"] = str(_start(pycolmap, job, folder / "start"))
     output = folder / "mapper"
     output.mkdir(exist_ok=True)
     found = pycolmap.incremental_mapping(str(database), str(folder), str(output), options=options, **arguments)
     models = [found[key] for key in sorted(found)]
     database.unlink()
     return models
+
+
+def _start(pycolmap: Any, job: Job, folder: Path) -> Path:
+    """The model to extend under the job's cameras: solved before, they are held now, and COLMAP compares their kind."""
+    model = pycolmap.Reconstruction(str(stored_models(Path(job.start or ""))[0]))
+    for camera_id in sorted(model.cameras):
+        fresh = camera_of(pycolmap, camera_id, job.cameras[camera_id - 1])
+        camera = model.cameras[camera_id]
+        camera.model = fresh.model
+        camera.params = fresh.params
+    folder.mkdir(parents=True, exist_ok=True)
+    model.write(str(folder))
+    return folder
 
 
 def _fill(pycolmap: Any, path: Path, job: Job, features: Sequence[Features], verified: Dict[Pair, Any]) -> None:

@@ -205,8 +205,9 @@ def _sigma(ground: Ground, rows: Rows, limits: Thresholds) -> Tuple[float, float
     if not len(rows):
         return limits.gps_sigma_horizontal_m, limits.gps_sigma_vertical_m
     floor = limits.rtk_sigma_floor_m
-    middle = np.median(ground.sigma[rows], axis=0)
-    return max(floor, float(middle[0])), max(floor, float(middle[1]))
+    # As residuals are taken: with RTK on some of the frames only, the others' share of the misfit stays theirs.
+    spread = np.sqrt(np.mean(ground.sigma[rows] ** 2, axis=0))
+    return max(floor, float(spread[0])), max(floor, float(spread[1]))
 
 
 def _residuals(

@@ -138,7 +138,8 @@ def outcome_of(
         return plain
     centers = fit.points(solution.center[known])
     vertical = bool(ground.vertical[known].all())
-    sigma = (float(np.median(ground.sigma[known, 0])), float(np.median(ground.sigma[known, 1])))
+    across, up = np.sqrt(np.mean(ground.sigma[known] ** 2, axis=0))
+    sigma = (float(across), float(up))
     gps = residual_fit(centers - ground.east_north_up[known], sigma, len(known), False, vertical)
     if control is None:
         height, relief = height_above_ground(centers, fit.points(points_of(solution, kept)))
