@@ -8,7 +8,7 @@
   var POLL_MS = 5000;
   var MOST_SHOWN = 5;
   // What somebody has to see to; everything else goes on by itself.
-  var HELD = "held", BROKEN_OFF = "broken-off";
+  var HELD = "held", BROKEN_OFF = "broken-off", WORKING = "working";
   var watched = {};
   var timer = null, lastAsked = -POLL_MS;
 
@@ -77,11 +77,12 @@
 
   function title(tasks) {
     function many(state) { return tasks.filter(function (task) { return task.state === state; }).length; }
-    var held = many(HELD), broken = many(BROKEN_OFF);
-    var under = tasks.length - held - broken;
+    var held = many(HELD), broken = many(BROKEN_OFF), worked = many(WORKING);
+    var under = tasks.length - held - broken - worked;
     return [
       held ? plural(held, "task") + (held === 1 ? " is held and needs" : " are held and need") + " your decision" : "",
       broken ? plural(broken, "upload") + (broken === 1 ? " was" : " were") + " broken off" : "",
+      worked ? plural(worked, "task") + (worked === 1 ? " is" : " are") + " being prepared on this server" : "",
       under ? plural(under, "task") + (under === 1 ? " waits" : " wait") + " for the camera check" : ""
     ].filter(Boolean).join("; ");
   }

@@ -95,6 +95,26 @@ class Browser:
             time.sleep(0.05)
         raise AssertionError(f"still not true after {seconds} s: {condition}\n{self.errors}\n{self.text()[-3000:]}")
 
+    def busiest(self, condition: str, seconds: float) -> float:
+        """Wait until an expression is true; the most seconds of computing that the page did between two looks at it.
+
+        Of the processor's time, not of the clock's: other work on the machine does not count.
+        """
+        self.call("Performance.enable", timeDomain="threadTicks")
+        until, most, before = time.monotonic() + seconds, 0.0, self._computed()
+        while not self.run(f"Boolean({condition})"):
+            if time.monotonic() > until:
+                raise AssertionError(f"still not true after {seconds} s: {condition}\n{self.errors}")
+            time.sleep(0.02)
+            now = self._computed()
+            most, before = max(most, now - before), now
+        self.call("Performance.disable")
+        return most
+
+    def _computed(self) -> float:
+        metrics = self.call("Performance.getMetrics")["metrics"]
+        return float(next(m["value"] for m in metrics if m["name"] == "TaskDuration"))
+
     def text(self) -> str:
         """What a reader of the page sees."""
         return str(self.run("document.body ? document.body.innerText : ''"))

@@ -40,9 +40,9 @@ def test_a_task_that_waits_says_so_under_its_project(browser: Browser, dashboard
 
 
 def test_the_list_is_read_anew_when_a_task_goes_on(browser: Browser, dashboard: Dashboard) -> None:
-    dashboard.waiting = [[waits("a", "waiting", "Waiting.")], []]
+    dashboard.waiting = [[waits("a", "working", "Harmonizing.")], []]
     browser.open(f"{dashboard.address}/")
-    browser.wait(f"{NOTICE}.includes('1 task waits')")
+    browser.wait(f"{NOTICE}.includes('1 task is being prepared on this server')")
     assert browser.run("dashboard.added") == 0
     browser.wait(f"{NOTICE} === ''", 15)
     assert browser.run("dashboard.added") == 1

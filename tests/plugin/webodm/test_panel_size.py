@@ -18,24 +18,18 @@ def test_the_verdict_comes_while_a_thousand_large_files_are_still_read(
     """1,000 frames of 10 MB: at most 1 % of their bytes is sent, the page answers all the while."""
     files = sorted(copies(folders(survey, "p4p", "rededge"), tmp_path, 1000, 10_000_000))
     browser.open(f"{dashboard.address}/")
-    watch = (
-        "window.gaps = []; window.last = performance.now(); setInterval(() => {"
-        " const now = performance.now(); gaps.push(now - last); last = now; }, 20)"
-    )
-    browser.run(watch + "; 0")
     began = time.monotonic()
     browser.choose("#files", files)
     browser.wait("document.querySelector('.sg-headline')", 60)
     first = time.monotonic() - began
     browser.screenshot(SHOTS / "reading.png")
-    browser.wait(READY, 120)
+    longest = browser.busiest(READY, 120)
     whole = time.monotonic() - began
     total = sum(f.stat().st_size for f in files)
     sent = dashboard.sent_bytes("/api/plugins/")
-    longest = max(browser.run("gaps"))
     print(
         f"sent {100 * sent / total:.3f} %, first verdict after {first:.1f} s, all after {whole:.1f} s, "
-        f"longest pause {longest:.0f} ms"
+        f"longest pause {longest:.2f} s"
     )
     assert sent <= 0.01 * total
     assert dashboard.verdicts[0]["files"] < len(files) == dashboard.verdicts[-1]["files"]
@@ -43,23 +37,17 @@ def test_the_verdict_comes_while_a_thousand_large_files_are_still_read(
     assert {c["id"] for c in dashboard.verdicts[0]["cameras"]} == {c["id"] for c in dashboard.verdicts[-1]["cameras"]}
     assert first < whole and not dashboard.tasks
     assert dashboard.sent_bytes("/api/projects/") == 0
-    assert longest < 1000
+    assert longest < 0.5
 
 
 def test_two_thousand_files_at_once(browser: Browser, dashboard: Dashboard, survey: List[Path], tmp_path: Path) -> None:
     files = copies(folders(survey, "p4p", "thermal"), tmp_path, 2000, 100_000)
     browser.open(f"{dashboard.address}/")
-    browser.run("window.gaps = []; window.last = 0; 0")
     browser.choose("#files", files)
-    browser.run(
-        "last = performance.now(); setInterval(() => { const now = performance.now(); gaps.push(now - last);"
-        " last = now; }, 20); 0"
-    )
-    browser.wait(READY, 180)
+    assert browser.busiest(READY, 240) < 0.5, "the page answers all the while"
     assert sum(len(t["files"]) for t in dashboard.verdicts[-1]["tasks"]) + len(
         dashboard.verdicts[-1]["left_out"]
     ) == len(files)
-    assert max(browser.run("gaps")) < 1000
 
 
 def copies(models: List[Path], folder: Path, count: int, size: int) -> List[Path]:
