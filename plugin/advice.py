@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Iterator, List, Sequence, Tuple
 
 from ..stages.align.fit import called
+from ..stages.align.judge import UNPROVEN
 from ..stages.finding import INFO, WARNING, Finding
 from ..stages.proven import ISOLATE, PAIRWISE, PROCEED, ProvenGroup
 from ..stages.thresholds import Thresholds
@@ -19,6 +20,7 @@ def advice(
         *_joined_pairwise(projects, has_gcp),
         *_alone_beside_the_anchor(projects),
         *_shifted(projects, has_gcp),
+        *_unplaced(projects, limits),
     )
 
 
@@ -109,3 +111,27 @@ def _shifted(projects: Sequence[Tuple[str, str, int, ProvenGroup]], has_gcp: boo
                 f"result of {report.anchor} with ODM's align option.",
                 measured=round(max(abs(v) for v in offset), 2),
             )
+
+
+def _unplaced(projects: Sequence[Tuple[str, str, int, ProvenGroup]], limits: Thresholds) -> Iterator[Finding]:
+    """Frames of a proven project that found no place in its model: holes in what ODM will make of it."""
+    for name, _, _, group in projects:
+        report = group.alignment
+        if report is None or group.route == UNPROVEN:
+            continue
+        frames, mains = report.frames, max(1, report.areas)
+        lost = tuple(f.path for f in frames if not f.registered or (f.component or 0) >= mains)
+        if not lost:
+            continue
+        share = len(lost) / len(frames)
+        yield Finding(
+            code="frames-unplaced",
+            severity=WARNING if share > limits.unplaced_share else INFO,
+            subjects=lost,
+            message=f"{len(lost)} of {len(frames)} aligned frames of {name} found no place in its model. They stay in "
+            "the project, but ODM will probably leave them out, with a hole where nothing else covers their ground.",
+            remedy="Look where they lie on the report's map. Over forest, water or snow fly with 80 % overlap or more, "
+            "and higher; blurred or dark frames can be taken out.",
+            measured=round(share, 3),
+            threshold=limits.unplaced_share,
+        )

@@ -21,7 +21,7 @@ from ..stages.read import Found
 from ..stages.record import dumps, write_text
 from .harmonizing import Harmonized, harmonize
 from .inspection import DEFAULT_SETTINGS, Inspection, Settings, inspect
-from .placing import Placed, frames_of, place, without_alignment
+from .placing import Placed, believed, frames_of, place, without_alignment
 from .plan import Digests, input_files, output_files, plan_record
 from .plan_diff import input_differences
 from .plan_file import Plan
@@ -183,8 +183,9 @@ def _produce(
         survey_digest(inspection.survey.files),
         inspection.settings.thresholds,
     )
-    decisions = {d.profile: d for p in reversed(placed) for d in p.proven.locked}
-    refuted = overruled(decisions.values(), inspection.survey.profiles, inspection.settings.thresholds)
+    profiles = inspection.survey.profiles
+    decisions = {d.profile: d for p in reversed(placed) for d in believed(p.proven, profiles)}
+    refuted = overruled(decisions.values(), profiles, inspection.settings.thresholds)
     known = still_true(inspection.findings, refuted, {f.path: f.profile for f in inspection.survey.frames})
     said = [*known, *refuted, *ready.findings, *written.findings, *memory.findings]
     findings = tuple(sorted(said, key=sort_key))

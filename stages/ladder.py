@@ -103,7 +103,7 @@ class Ladder:
         quick = self._quick(request, "quick" if route != ISOLATE else "alone")
         verdicts = _verdicts(quick.report)
         if not verdicts[FAIL]:
-            return self._accept(quick, route)
+            return self._accept(*self._in_one(request, quick, route))
         several = len(quick.report.payloads) > 1
         loose = self._loose(request, quick) if several else {}
         if loose:
@@ -123,11 +123,27 @@ class Ladder:
         return self._rejoin(request, kept, guilty, mixed, route)
 
     def _quick(self, request: AlignRequest, rung: str) -> Aligned:
-        """The cheap alignment; what it passes close to a limit is decided by the reference settings."""
+        """The cheap alignment; what it passes or fails close to a limit is decided by the reference settings."""
         done = self.run(request, rung)
-        if _verdicts(done.report)[FAIL] or not any(p.close for p in done.report.payloads):
+        failed = [p for p in done.report.payloads if p.verdict == FAIL]
+        if not all(p.close for p in failed) or not any(p.close for p in done.report.payloads):
             return done
         return self.run(request, "reference")
+
+    def _in_one(self, request: AlignRequest, done: Aligned, route: str) -> Tuple[Aligned, str, str]:
+        """What fell into pieces over one ground is aligned once more, with pairs between the pieces by likeness.
+
+        Returns the alignment that left fewer frames outside of its main model, the route, and a note on it.
+        """
+        strays = {path for paths in _strays(done) for path in paths}
+        if not strays:
+            return done, route, ""
+        left = tuple(i for i, f in enumerate(done.request.frames) if f.path in strays)
+        right = tuple(i for i, f in enumerate(done.request.frames) if f.path not in strays)
+        mixed = self.run(request, "mixed", [Retrieval(left, right, self.limits.retrieval_pairs)])
+        if _verdicts(mixed.report)[FAIL] or _outside(mixed.report) >= _outside(done.report):
+            return done, route, ""
+        return mixed, route, "accepted with the settings for mixed blocks: with the quick ones it fell into pieces"
 
     def _loose(self, request: AlignRequest, quick: Aligned) -> Dict[str, str]:
         """Payload -> why no further rung can tie it, where that holds for all that failed.
@@ -175,18 +191,27 @@ class Ladder:
                 return split or [group_of(done.request, UNPROVEN, (*notes, *_reasons(done.report)), done.report)]
             return self._each_alone(done.request, done, route)
         found = self.climb(subset(done.request, set(verdicts[PASS])), route)
+        why = {p.payload: p.reasons for p in done.report.payloads}
         for payload in sorted(verdicts[UNPROVEN]):
-            found.extend(self.climb(subset(done.request, {payload}), ISOLATE))
+            for group in self.climb(subset(done.request, {payload}), ISOLATE):
+                said = tuple(f"together: {r}" for r in why[payload] if r not in group.reasons)
+                found.append(replace(group, reasons=(*group.reasons, *said)))
         return found
 
     def _as_one(self, done: Aligned, route: str, notes: Tuple[str, ...]) -> List[ProvenGroup]:
-        """A proven alignment as one group, unless a model of its own or a lock that not all can bear parts it."""
+        """A proven alignment as one group, unless models of their own or a lock that not all can bear part it."""
         split = self._by_models(done, route, notes) or self._by_lock(done, route, notes)
-        return split or [group_of(done.request, route, (*notes, *_reasons(done.report)), done.report)]
+        if split:
+            return split
+        loose = sum(len(paths) for paths in _strays(done))
+        if loose > self.limits.unplaced_share * len(done.request.frames):
+            apart = f"{loose} of {len(done.request.frames)} frames make models of their own: it is not one piece"
+            route, notes = UNPROVEN, (apart, *notes)
+        return [group_of(done.request, route, (*notes, *_reasons(done.report)), done.report)]
 
     def _by_models(self, done: Aligned, route: str, notes: Tuple[str, ...]) -> List[ProvenGroup]:
         """Frames that make a model of their own over the same ground leave: two surveys under one name."""
-        strays = stray_models(done.request, done.solution.model, done.plan.areas, self.limits)
+        strays = _strays(done, self.limits.min_proof_frames)
         if not strays:
             return []
         gone = {p for paths in strays for p in paths}
@@ -329,6 +354,15 @@ def one_by_one(ladder: Ladder, request: AlignRequest) -> Aligned:
         wish = likeness(both, payload, ladder.limits)
         current = ladder.run(both, "pairwise", (wish,), current if whole else None)
     return current
+
+
+def _strays(done: Aligned, least: int = 1) -> Tuple[Tuple[str, ...], ...]:
+    return stray_models(done.request, done.solution.model, done.plan.areas, least)
+
+
+def _outside(report: AlignmentReport) -> int:
+    """Frames that are not in the main model of their ground."""
+    return sum(p.frames - p.in_main_component for p in report.payloads)
 
 
 def _verdicts(report: AlignmentReport) -> Dict[str, List[str]]:

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from .align.model import AlignRequest, LockDecision
 from .align.solution import UNPLACED
-from .thresholds import Thresholds
 
 Ints = npt.NDArray[np.int64]
 
@@ -57,12 +56,12 @@ def why_apart(decisions: Sequence[LockDecision], payloads_held: bool) -> str:
 
 
 def stray_models(
-    request: AlignRequest, models: Ints, areas: Sequence[int], limits: Thresholds
+    request: AlignRequest, models: Ints, areas: Sequence[int], least: int = 1
 ) -> Tuple[Tuple[str, ...], ...]:
-    """Return the frames of each model that stands beside the main one of its ground, large enough to be a survey.
+    """Return the frames of each model of ``least`` frames or more that stands beside the main one of its ground.
 
-    By position these frames could have joined it; by their pixels they show
-    something else. What is in no model stays with the main one.
+    By position these frames could have joined it; no match does. What is in
+    no model stays with the main one.
     """
     count: Dict[int, Dict[int, int]] = {}
     for model, area in zip(models.tolist(), areas):
@@ -74,4 +73,4 @@ def stray_models(
     for frame, model in zip(request.frames, models.tolist()):
         if model != UNPLACED and model not in main:
             paths.setdefault(model, []).append(frame.path)
-    return tuple(tuple(sorted(paths[m])) for m in sorted(paths) if len(paths[m]) >= limits.min_proof_frames)
+    return tuple(tuple(sorted(paths[m])) for m in sorted(paths) if len(paths[m]) >= least)

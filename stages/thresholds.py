@@ -292,6 +292,9 @@ class Thresholds:
     min_registered_share: float = _number(
         0.5, "ratio", "a payload with fewer of its frames in the model is not held by it"
     )
+    unplaced_share: float = _number(
+        0.1, "ratio", "every tenth frame without a place is more than the block's rim: its product has holes"
+    )
     sample_above: int = _number(200, "frames", "a larger block is judged by samples, so that its cost does not grow")
     sample_frames: int = _number(
         150, "frames per pair of payloads", "about ten strips of fifteen: bowing and focal show in a block of this size"

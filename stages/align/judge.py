@@ -80,8 +80,15 @@ def _judge_one(p: PayloadFigures, measured: Measured, several: bool, limits: Thr
         flight_offsets_m=p.flight_offsets_m,
         gps_offset_m=p.offset_m if any("GPS offset" in r for r in said) else None,
         control=p.control,
-        close=verdict == PASS and any(r.endswith(_CLOSE_WORD) for r in said),
+        close=_is_close(verdict, bad, said),
     )
+
+
+def _is_close(verdict: str, bad: Sequence[str], said: Sequence[str]) -> bool:
+    """Passed with a figure close to its limit, or failed by such figures alone."""
+    if verdict == PASS:
+        return any(r.endswith(_CLOSE_WORD) for r in said)
+    return verdict == FAIL and all(r.endswith(_CLOSE_WORD) for r in bad)
 
 
 def _nothing_to_judge(p: PayloadFigures, limits: Thresholds) -> bool:
@@ -94,23 +101,26 @@ def _registration(p: PayloadFigures, limits: Thresholds, bad: List[str], said: L
     text = f"{p.in_main} of {p.frames} frames are in the main model"
     if round(share, 6) < limits.min_registered_share:
         apart = f", {p.registered - p.in_main} in another" if p.registered > p.in_main else ""
-        bad.append(text + apart)
+        bad.append(text + apart + _near(share, limits.min_registered_share))
     else:
-        said.append(text + _near(share, limits.min_registered_share, above=True))
+        said.append(text + _near(share, limits.min_registered_share))
 
 
 def _own_pairs(p: PayloadFigures, limits: Thresholds, bad: List[str], said: List[str]) -> None:
     text = f"its pairs hold {_say(p.own_inliers)} verified matches, {limits.min_inliers} are needed"
-    if p.own_inliers is None or p.own_inliers < limits.min_inliers:
+    if p.own_inliers is None:
         bad.append(text)
-    elif _near(p.own_inliers, limits.min_inliers, above=True):
+    elif p.own_inliers < limits.min_inliers:
+        bad.append(text + _near(p.own_inliers, limits.min_inliers))
+    elif _near(p.own_inliers, limits.min_inliers):
         said.append(text + _CLOSE_WORD)
 
 
 def _ties(p: PayloadFigures, limits: Thresholds, bad: List[str], said: List[str]) -> None:
     text = f"{p.strong_cross} pairs with other payloads hold {limits.min_inliers} verified matches or more"
     if p.strong_cross < limits.min_strong_pairs:
-        bad.append(f"{text}, {limits.min_strong_pairs} are needed")
+        close = _CLOSE_WORD if p.strong_cross == limits.min_strong_pairs - 1 else ""
+        bad.append(f"{text}, {limits.min_strong_pairs} are needed{close}")
     elif not p.shares_model:
         bad.append("no such pair lies inside one model with another payload")
     else:
@@ -123,7 +133,8 @@ def _reprojection(p: PayloadFigures, limits: Thresholds, bad: List[str], said: L
     if worst is None or not math.isfinite(worst):
         bad.append("no reprojection error could be measured")
     elif round(worst, 3) > limits.max_reproj_error_px:
-        bad.append(f"mean reprojection error {worst:.2f} px, {limits.max_reproj_error_px:g} px is the limit")
+        close = _near(worst, limits.max_reproj_error_px)
+        bad.append(f"mean reprojection error {worst:.2f} px, {limits.max_reproj_error_px:g} px is the limit{close}")
     else:
         said.append(f"mean reprojection error {worst:.2f} px{_near(worst, limits.max_reproj_error_px)}")
 
@@ -153,7 +164,9 @@ def _gps(
         bad.append("its place against the anchor could not be measured")
         return
     if alone > 1.0:
-        bad.append(f"alone it lies {_words(p.alone)} off its GPS, {_limit(p.alone, limits)} is the limit")
+        bad.append(
+            f"alone it lies {_words(p.alone)} off its GPS, {_limit(p.alone, limits)} is the limit{_near(alone, 1.0)}"
+        )
     elif together > 1.0:
         scatter = _misfit(p.scatter, limits)
         if scatter is not None and scatter <= 1.0 and p.offset_m is not None:
@@ -168,7 +181,7 @@ def _gps(
                 f"alone {_words(p.alone)}: wrongly attached"
             )
     else:
-        close = _CLOSE_WORD if max(alone, together) > 1.0 - _CLOSE else ""
+        close = _near(max(alone, together), 1.0)
         said.append(f"GPS fit {_words(p.together)}, limit {_limit(p.together, limits)}{close}")
 
 
@@ -224,10 +237,9 @@ def _gap(p: PayloadFigures, bad: List[str], said: List[str]) -> None:
         said.append(text)
 
 
-def _near(value: float, limit: float, above: bool = False) -> str:
-    ratio = value / limit if limit else 0.0
-    close = 1.0 <= ratio < 1.0 + _CLOSE if above else 1.0 - _CLOSE < ratio <= 1.0
-    return _CLOSE_WORD if close else ""
+def _near(value: float, limit: float) -> str:
+    """``close`` within a tenth of the limit, on either side."""
+    return _CLOSE_WORD if limit and abs(value / limit - 1.0) < _CLOSE else ""
 
 
 def _side(value: float, positive: str, negative: str) -> str:

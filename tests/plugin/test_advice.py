@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sensorgate.plugin.advice import advice
-from sensorgate.stages.align.model import AlignmentReport, Bowing, GpsFit, PayloadAlignment
+from sensorgate.stages.align.model import AlignedFrame, AlignmentReport, Bowing, GpsFit, PayloadAlignment
 from sensorgate.stages.proven import ISOLATE, PAIRWISE, PROCEED, UNPROVEN, ProvenGroup
 from sensorgate.stages.thresholds import DEFAULTS
 
@@ -65,3 +65,16 @@ def test_positions_that_lie_apart_are_said_with_the_way_to_lay_them_together():
     assert "+30.2 m east" in found.message and "align" in found.remedy and "--gcp" in found.remedy
     assert "--gcp" not in codes(shifted, has_gcp=True)["positions-shifted"].remedy
     assert codes(replace(shifted, route=UNPROVEN)) == {}
+
+
+def test_frames_without_a_place_are_named_and_many_of_them_are_a_warning():
+    def left_out(lost, route=PROCEED, piece=0):
+        frames = tuple(AlignedFrame(f"{i}.jpg", i >= lost, 0 if i != 19 else piece) for i in range(20))
+        return replace(group(route), alignment=replace(REPORT, frames=frames))
+
+    few = codes(left_out(1))["frames-unplaced"]
+    assert (few.severity, few.subjects, few.measured) == ("info", ("0.jpg",), 0.05)
+    many = codes(left_out(6))["frames-unplaced"]
+    assert many.severity == "warning" and len(many.subjects) == 6 and "6 of 20" in many.message
+    assert codes(left_out(0, piece=1))["frames-unplaced"].subjects == ("19.jpg",)
+    assert codes(left_out(0)) == {} and codes(left_out(6, UNPROVEN)) == {}

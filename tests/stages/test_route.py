@@ -392,9 +392,3 @@ def test_a_payload_that_is_two_surveys_becomes_two_projects(monkeypatch, tmp_pat
     assert next(g for g in proof.groups if len(g.frames) == 7).route == "isolate"
     assert any("model of their own" in r for g in proof.groups for r in g.reasons)
     assert {g.name for g in proof.groups} == {"block", "block-2"}
-
-
-def test_a_few_frames_astray_are_no_survey(solver, tmp_path):
-    made = solver(lambda rung, names: {})
-    made.place = lambda path: int(path in {"a/000.jpg", "a/001.jpg", "a/002.jpg"})
-    assert [len(g.frames) for g in prove(_block("a"), tmp_path).groups] == [18]

@@ -80,6 +80,16 @@ def test_near_a_limit_is_close(ties, own, close):
     assert close == any("(close)" in r for p in found.values() for r in p.reasons)
 
 
+@pytest.mark.parametrize(("ties", "own", "close"), [(2, 120, True), (1, 120, False), (10, 28, True), (2, 10, False)])
+def test_what_fails_by_figures_close_to_their_limits_alone_is_close(ties, own, close):
+    asked, places, pairs = _two()
+    pairs = neighbours(18, inliers=own) + neighbours(12, start=18) + pairs[-10:][:ties]
+    found = _verdicts(asked, solution(asked, places, pairs=pairs))
+    failed = [p for p in found.values() if p.verdict == FAIL]
+    assert failed and all(p.close for p in failed) == close
+
+
+
 @pytest.mark.parametrize(("inliers", "expected"), [(29, FAIL), (30, PASS), (200, PASS)])
 def test_thirty_inliers_across(inliers, expected):
     asked, places, pairs = _two(cross=inliers)
