@@ -23,6 +23,8 @@ MOST_LISTED = 400
 MOST_SUBJECTS = 40
 MOST_GROUPS = 120
 MOST_ROWS = 300
+# As report.css says it, once.
+DARK_STYLE = "@media screen and (prefers-color-scheme: dark)"
 MATCH_CAPTION = (
     "Lines: median verified matches between frames of two payloads, dashed where fewer than {:g}. "
     "In a circle: within that payload."
@@ -214,6 +216,11 @@ def _drawings(view: View) -> Dict[str, Any]:
         "gsd": _trusted(distributions.gsd_chart(view, colour)),
         "focal": _trusted(distributions.focal_chart(view, colour)),
     }
+
+
+def themed(page: str, theme: str) -> str:
+    """A rendered page that is ``dark`` or ``light`` whatever the browser prefers, for a frame inside another page."""
+    return page.replace(DARK_STYLE, {"dark": "@media screen", "light": "@media not all"}.get(theme, DARK_STYLE), 1)
 
 
 def _pictures(view: View, previews: Mapping[str, bytes]) -> List[Dict[str, Any]]:

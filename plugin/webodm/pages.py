@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List
 
 from ...stages.errors import SensorgateError
+from ..report.html import themed
 from . import checking, home, preferences, records, sessions
 
 _MOST_TASKS, _SHOWN_TASKS = 200, 15
@@ -131,7 +132,7 @@ def task_report(request: Any, plugin: Any, task: str) -> Any:
 
 def task_document(request: Any, plugin: Any, task: str) -> Any:
     """The report itself."""
-    return _document(home.task_folder(_task(request, task)))
+    return _document(request, home.task_folder(_task(request, task)))
 
 
 def session_report(request: Any, plugin: Any, session: str) -> Any:
@@ -149,7 +150,7 @@ def session_document(request: Any, plugin: Any, session: str) -> Any:
     found = sessions.find(home.temporary(), session, request.user.pk)
     if found is None:
         raise _not_found()
-    return _document(found.folder)
+    return _document(request, found.folder)
 
 
 def _frame(request: Any, plugin: Any, folder: Path, title: str, source: str) -> Any:
@@ -163,13 +164,15 @@ def _frame(request: Any, plugin: Any, folder: Path, title: str, source: str) -> 
     return _render(request, plugin.template_path("report.html"), context)
 
 
-def _document(folder: Path) -> Any:
+def _document(request: Any, folder: Path) -> Any:
+    """The report's own page; ``?theme=`` says whether the page around it is dark or light."""
     file = folder / "report.html"
     if not file.is_file():
         raise _not_found()
     from django.http import HttpResponse
 
-    answer = HttpResponse(file.read_bytes(), content_type="text/html; charset=utf-8")
+    page = themed(file.read_text(encoding="utf-8"), request.GET.get("theme", ""))
+    answer = HttpResponse(page, content_type="text/html; charset=utf-8")
     answer["Content-Security-Policy"] = _POLICY
     answer["X-Content-Type-Options"] = "nosniff"
     answer["X-Frame-Options"] = "SAMEORIGIN"

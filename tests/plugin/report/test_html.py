@@ -16,7 +16,7 @@ from typing import Any, Dict, List, Optional, Tuple
 
 import pytest
 from sensorgate.plugin.report import previews
-from sensorgate.plugin.report.html import render
+from sensorgate.plugin.report.html import DARK_STYLE, render, themed
 from sensorgate.stages.errors import MissingDependency
 
 from tests.plugin.report.sample import empty, sample
@@ -148,6 +148,14 @@ def test_hostile_text_stays_text() -> None:
     assert tags.count("script") == 1 and tags.count("style") == 1 and "img" not in tags
     assert "alert(1)" in parsed.text and "{{ 7*7 }}" in parsed.text
     assert "\x00" not in parsed.text and "\u202e" not in parsed.text
+
+
+def test_a_page_around_it_can_choose_dark_or_light(page: str) -> None:
+    assert page.count(DARK_STYLE) == 1
+    dark, light = themed(page, "dark"), themed(page, "light")
+    assert "prefers-color-scheme" not in dark + light and dark != light
+    assert len(page) - len(dark) == len(DARK_STYLE) - len("@media screen")
+    assert themed(page, "") == page == themed(page, "</style><script>")
 
 
 def test_same_report_same_bytes() -> None:

@@ -205,6 +205,9 @@ def test_a_public_task_is_seen_and_not_touched(people):
     assert people["owner"].get(f"projects/{people['project'].pk + 1}/tasks/{task.pk}/state").status_code == 404
 
 
+DARK_STYLE = "@media screen and (prefers-color-scheme: dark)"
+
+
 def test_pages_are_for_users_and_reports_for_who_may_see_the_task(people):
     folder = f"/plugins/{FOLDER}/"
     assert people["nobody"].client.get(folder).status_code == 302
@@ -213,10 +216,18 @@ def test_pages_are_for_users_and_reports_for_who_may_see_the_task(people):
     kept = MEDIA / "project" / str(task.project_id) / "task" / str(task.pk) / "data/sensorgate"
     kept.mkdir(parents=True)
     (kept / "report.json").write_text('{"findings": []}')
-    (kept / "report.html").write_text("<p>seen</p>")
+    (kept / "report.html").write_text(f"<style>{DARK_STYLE} {{ p {{ color: white }} }}</style><p>seen</p>")
     assert people["owner"].client.get(f"{folder}tasks/{task.pk}/report").status_code == 200
     document = people["owner"].client.get(f"{folder}tasks/{task.pk}/document")
     assert b"seen" in document.content and "sandbox" in document["Content-Security-Policy"]
+    for theme, query in (
+        ("dark", "@media screen {"),
+        ("light", "@media not all {"),
+        ("<b>", DARK_STYLE),
+        ("", DARK_STYLE),
+    ):
+        page = people["owner"].client.get(f"{folder}tasks/{task.pk}/document", {"theme": theme}).content.decode()
+        assert f"<style>{query}" in page and "<b>" not in page
     for page in ("report", "document"):
         assert people["other"].client.get(f"{folder}tasks/{task.pk}/{page}").status_code == 404
 
