@@ -134,6 +134,7 @@ def _decisions(proven: ProvenGroup, profiles: Sequence[CameraProfile]) -> Dict[s
                 projection=profile.intrinsics.projection,
                 lock=hold.hold,
                 reason=hold.reason,
+                aspect_ratio=hold.aspect_ratio,
             )
         else:
             focal: Intrinsics = profile.intrinsics
@@ -335,6 +336,7 @@ def _calibration_rows(
             "profile": header.profile,
             "camera_id": identity,
             "focal_ratio": round(ratio * scale, 8) if ratio is not None else None,
+            "aspect_ratio": round(decision.aspect_ratio, 8),
             "source": decision.focal_source,
             "held": plan.lock and identity in plan.cameras,
             "reason": decision.reason,

@@ -57,7 +57,7 @@ class Measurement:
     """One survey's calibration: ratios to the longer side, distortion k1, k2, p1, p2, k3.
 
     ``focal_sigma`` is the standard error of ``focal_ratio``; ``survey`` the
-    digest of the survey's inputs.
+    digest of the survey's inputs; ``aspect_ratio`` focal down over focal across.
     """
 
     focal_ratio: float
@@ -66,6 +66,7 @@ class Measurement:
     distortion: Tuple[float, float, float, float, float]
     frames: int
     survey: str
+    aspect_ratio: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -179,6 +180,7 @@ def _as_intrinsics(own: Intrinsics, entry: Entry, profile: CameraProfile) -> Int
         center_ratio=entry.best.center_ratio,
         distortion=entry.best.distortion,
         distortion_source=STORED,
+        aspect_ratio=entry.best.aspect_ratio,
         notes=(*own.notes, note),
     )
 
@@ -240,11 +242,11 @@ def _texts(key: Key) -> Tuple[Any, ...]:
 
 
 def _believable(found: Measurement) -> bool:
-    numbers = (found.focal_ratio, found.focal_sigma, *found.center_ratio, *found.distortion)
+    numbers = (found.focal_ratio, found.focal_sigma, found.aspect_ratio, *found.center_ratio, *found.distortion)
     counted = isinstance(found.frames, int) and isinstance(found.survey, str)
     shaped = len(found.center_ratio) == 2 and len(found.distortion) == 5
     finite = all(isinstance(n, (int, float)) and math.isfinite(n) for n in numbers)
-    return counted and shaped and finite and found.focal_ratio > 0 and found.focal_sigma > 0
+    return counted and shaped and finite and min(found.focal_ratio, found.focal_sigma, found.aspect_ratio) > 0
 
 
 def write_entry(folder: Union[str, Path], entry: Entry) -> None:

@@ -2,7 +2,8 @@
 
 Parrot's XMP (Pix4D's camera namespace) gives the distance from the axis as a
 polynomial of the angle, 90 degrees being 1. OpenCV and OpenSfM take
-``f * (t + k1 t^3 + k2 t^5 + k3 t^7 + k4 t^9)``. With the focal length free,
+``f * (t + k1 t^3 + k2 t^5 + k3 t^7 + k4 t^9)``, across and down each with its
+own f (C and F of the affine matrix). With the focal length free,
 three coefficients follow the four Sequoia polynomials of real frames to 0.04 px.
 """
 
@@ -20,7 +21,7 @@ _WIDEST = math.radians(100.0)
 
 @dataclass(frozen=True)
 class OpenCvFisheye:
-    """Focal length in pixels and k1, k2, k3, with the largest error of the conversion inside the frame, px."""
+    """Focal length (mean of across and down) and k1, k2, k3, with the conversion's largest error in the frame; px."""
 
     focal_px: float
     coefficients: Tuple[float, float, float]
@@ -32,18 +33,20 @@ def as_opencv(
 ) -> Optional[OpenCvFisheye]:
     """Convert a polynomial (p0, p1, ...) and affine matrix (C, D, E, F; px), ``None`` where it cannot be said so.
 
-    Least squares over angles from the axis to the frame's corner. An affine
-    part that is no scale, or an error beyond ``tolerance_px``, is no conversion.
+    Least squares over angles from the axis to the frame's corner, C and F at
+    their mean: their ratio is the aspect of what is found. A skewed affine
+    part, or an error beyond ``tolerance_px``, is no conversion.
     """
-    if len(affine) != 4 or len(polynomial) < 2 or not affine[0] > 0:
+    if len(affine) != 4 or len(polynomial) < 2 or not affine[0] > 0 or not affine[3] > 0:
         return None
     c, d, e, f = affine
-    if abs(c - f) > tolerance_px / max(width, height) * c or abs(d) + abs(e) > tolerance_px / max(width, height) * c:
+    if abs(d) + abs(e) > tolerance_px / max(width, height) * c:
         return None
+    mean = (c + f) / 2.0
     angle = np.linspace(_WIDEST / _SAMPLES, _WIDEST, _SAMPLES)
     unit = angle * 2.0 / math.pi
-    radius = c * np.polynomial.polynomial.polyval(unit, np.asarray(polynomial, dtype=float))
-    inside = radius <= math.hypot(width, height) / 2.0
+    radius = mean * np.polynomial.polynomial.polyval(unit, np.asarray(polynomial, dtype=float))
+    inside = radius <= math.hypot(width * (mean / c), height * (mean / f)) / 2.0
     # Past its crest a polynomial turns back: only the branch from the axis is the lens.
     crest = np.nonzero(np.diff(radius) <= 0)[0]
     if len(crest):

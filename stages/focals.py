@@ -47,6 +47,17 @@ def apart(a: float, b: float) -> float:
     return max(a, b) / smaller - 1.0 if smaller > 0.0 else math.inf
 
 
+def both_focals(mean: float, aspect_ratio: float) -> Tuple[float, float]:
+    """Focal lengths across and down (fx, fy) of their mean and their ratio fy / fx."""
+    across = 2.0 * mean / (1.0 + aspect_ratio)
+    return across, across * aspect_ratio
+
+
+def mean_and_aspect(across: float, down: float) -> Tuple[float, float]:
+    """Mean of two focal lengths (positive) and the ratio of the one down to the one across."""
+    return (across + down) / 2.0, down / across
+
+
 def digital_zoom(frame: Frame) -> float:
     """The digital zoom ratio, 1 where there is none (Exif writes 0 for unused)."""
     zoom = positive(frame.digital_zoom)

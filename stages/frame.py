@@ -24,7 +24,9 @@ class FileCalibration:
     frame as stored, ``None`` when the file does not say. ``distortion`` is
     k1, k2, p1, p2, k3 in OpenCV order on ray-normalised coordinates for
     ``projection`` ``brown``; for ``fisheye`` it is the Parrot polynomial.
-    ``fisheye_affine`` is Parrot's C, D, E, F in pixels.
+    ``fisheye_affine`` is Parrot's C, D, E, F in pixels. ``aspect_ratio`` is focal
+    down over focal across (fy / fx) where the file gives both; ``focal_px`` is
+    then their mean.
     """
 
     source: str
@@ -34,6 +36,7 @@ class FileCalibration:
     center_px: Optional[Tuple[float, float]] = None
     distortion: Optional[Tuple[float, ...]] = None
     fisheye_affine: Optional[Tuple[float, ...]] = None
+    aspect_ratio: float = 1.0
 
 
 @slotted

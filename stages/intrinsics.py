@@ -62,9 +62,11 @@ class Intrinsics:
 
     ``focal_ratio`` is focal length over sensor width of the frame as stored
     (= focal_px / width_px); it is what everything geometric uses and may be
-    known (35 mm equivalent) where neither length is. ``focal_mm`` is the
-    physical focal length. ``center_ratio`` is the principal point minus the
-    image centre over max(width, height), OpenSfM's normalisation.
+    known (35 mm equivalent) where neither length is. Where a calibration has
+    two focals, across and down, it is of their mean and ``aspect_ratio`` is
+    down over across (fy / fx). ``focal_mm`` is the physical
+    focal length. ``center_ratio`` is the principal point minus the image centre
+    over max(width, height), OpenSfM's normalisation.
     ``distortion`` is k1, k2, p1, p2, k3 (Brown, OpenCV order);
     ``distortion_source`` is ``corrected-in-camera`` (known zero), ``xmp-*``,
     ``user-sheet``, ``sheet`` or ``unknown``. With ``projection`` ``fisheye``
@@ -85,6 +87,7 @@ class Intrinsics:
     projection: str = "brown"
     converted_focal_ratio: Optional[float] = None
     notes: Tuple[str, ...] = ()
+    aspect_ratio: float = 1.0
 
     @property
     def focal_trusted(self) -> bool:
@@ -174,6 +177,7 @@ def resolve(frame: Frame, spectrum: str, sheet: Sheet, thresholds: Thresholds = 
         projection=projection,
         converted_focal_ratio=fisheye.focal_px / frame.width if distortion and fisheye is not None else None,
         notes=tuple(notes),
+        aspect_ratio=_aspect(frame, best, calibrated),
     )
 
 
@@ -207,6 +211,13 @@ def _offset(frame: Frame, center_px: Tuple[float, float], scale: float = 1.0) ->
         (center_px[0] * scale - frame.width / 2.0) / longer,
         (center_px[1] * scale - frame.height / 2.0) / longer,
     )
+
+
+def _aspect(frame: Frame, best: Optional[Estimate], calibrated: Optional[Estimate]) -> float:
+    """Focal down over across where the focal is the file's calibration; any other source knows square pixels alone."""
+    if frame.calibration is None or best is None or best is not calibrated:
+        return 1.0
+    return frame.calibration.aspect_ratio
 
 
 def _center(frame: Frame, row: Optional[SheetRow], calibrated: Optional[Estimate]) -> Optional[Tuple[float, float]]:

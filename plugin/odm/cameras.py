@@ -5,7 +5,7 @@ that matches nothing changes nothing and says nothing, so every key that is
 written is checked (``cameras_file``). Its lock is for all cameras at once and holds at zero distortion what
 the file does not give.
 
-OpenSfM divides by max(width, height); ``Intrinsics.focal_ratio`` is focal over
+OpenSfM divides by max(width, height), both focals alike; ``Intrinsics.focal_ratio`` is focal over
 width. On portrait frames the two differ, and ODM's own focal (a tag over the
 width) is then wrong by the aspect.
 """
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ...stages.finding import INFO, WARNING, Finding, sort_key
+from ...stages.focals import both_focals
 from ...stages.frame import Frame
 from ...stages.intrinsics import SOURCES, TRUSTED, Intrinsics
 from ...stages.thresholds import DEFAULTS, Thresholds
@@ -44,7 +45,8 @@ class CameraDecision:
 
     ``focal_ratio`` is focal over width of the frame as stored,
     ``center_ratio`` principal point minus centre over max(width, height),
-    ``distortion`` k1, k2, p1, p2, k3 or ``None`` (not known).
+    ``distortion`` k1, k2, p1, p2, k3 or ``None`` (not known), ``aspect_ratio``
+    focal down over focal across (fy / fx), whose mean ``focal_ratio`` is of.
     ``focal_source`` is one of ``intrinsics.SOURCES`` or ``solved``. ``lock``
     asks to hold the camera; ``reason`` says why.
     """
@@ -57,6 +59,7 @@ class CameraDecision:
     projection: str = "brown"
     lock: bool = False
     reason: str = ""
+    aspect_ratio: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,7 @@ def decision_from_intrinsics(
         projection=intrinsics.projection,
         lock=lock,
         reason=reason,
+        aspect_ratio=intrinsics.aspect_ratio,
     )
 
 
@@ -167,12 +171,12 @@ def entry(decision: CameraDecision, width: int, height: int) -> Optional[Dict[st
     """
     if decision.focal_ratio is None:
         return None
-    focal = round(decision.focal_ratio * width / max(width, height), _DIGITS)
+    across, down = both_focals(decision.focal_ratio * width / max(width, height), decision.aspect_ratio)
     common = {
         "width": width,
         "height": height,
-        "focal_x": focal,
-        "focal_y": focal,
+        "focal_x": round(across, _DIGITS),
+        "focal_y": round(down, _DIGITS),
         "c_x": round(decision.center_ratio[0], _DIGITS),
         "c_y": round(decision.center_ratio[1], _DIGITS),
     }

@@ -42,8 +42,13 @@ class OpenSfmCamera:
 
     @property
     def focal_ratio(self) -> float:
-        """Focal length over the longer side."""
+        """Focal length over the longer side, the mean of across and down."""
         return (self.focal[0] + self.focal[1]) / 2.0
+
+    @property
+    def aspect_ratio(self) -> float:
+        """Focal down over focal across (fy / fx); only of a camera that is ``known``."""
+        return self.focal[1] / self.focal[0]
 
     @property
     def brown(self) -> Tuple[float, float, float, float, float]:

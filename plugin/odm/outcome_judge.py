@@ -184,6 +184,7 @@ def _solved(job: Job, placed: PlacedFrames, at: Ints, held: bool) -> List[Camera
                 focal_ratio=best.focal_ratio,
                 center_ratio=best.center,
                 distortion=best.brown,
+                aspect_ratio=best.aspect_ratio,
                 solve_focal=not held,
                 solve_distortion=not held,
             )

@@ -81,8 +81,8 @@ class Geometry:
 class Outcome:
     """How a trial fared. ``misfit`` is residual over allowed, the larger of horizontal and vertical.
 
-    ``solved_focal``, ``solved_center`` and ``solved_distortion`` are its
-    camera after the adjustment, ``focal_sigma`` the standard error of a solved
+    ``solved_focal``, ``solved_center``, ``solved_distortion`` and
+    ``solved_aspect`` are its camera after the adjustment, ``focal_sigma`` the standard error of a solved
     focal, ``scale`` what measured heights say of it.
     """
 
@@ -99,6 +99,7 @@ class Outcome:
     focal_sigma: Optional[float] = None
     solved_center: Tuple[float, float] = (0.0, 0.0)
     scale: Optional[VerticalScale] = None
+    solved_aspect: float = 1.0
 
 
 def trials_for(camera: AlignCamera) -> Tuple[Trial, ...]:
@@ -392,6 +393,7 @@ def _decision(outcome: Outcome, camera: AlignCamera, hold: bool, reason: str) ->
         distortion=tuple(round(v, 6) for v in outcome.solved_distortion),
         source=f"focal {trial.focal_source}, distortion {trial.distortion_source}",
         reason=reason,
+        aspect_ratio=round(outcome.solved_aspect, 6),
     )
 
 
@@ -419,6 +421,7 @@ def as_candidates(
             height_scale=o.scale.ratio if o.scale else None,
             height_scale_sigma=o.scale.sigma if o.scale else None,
             height_scale_by=o.scale.by if o.scale else "",
+            aspect_ratio=round(o.solved_aspect, 6),
         )
         for i, o in enumerate(outcomes)
     )

@@ -163,6 +163,7 @@ def _under_control(outcome: Outcome, solution: Solution, job: Job, rows: Rows, p
         solved_focal=camera.focal_ratio,
         solved_center=camera.center_ratio,
         solved_distortion=camera.distortion,
+        solved_aspect=camera.aspect_ratio,
         focal_sigma=sigma if np.isfinite(sigma) else None,
     )
 
@@ -214,6 +215,7 @@ def as_mapped(request: AlignRequest, solution: Solution) -> Tuple[LockDecision, 
                 distortion=tuple(round(v, 6) for v in setting.distortion),
                 source=f"focal {given.focal_source}, distortion {given.distortion_source}" if hold else "focal solved",
                 reason="trusted calibration, held as asked" if hold else "no calibration that may be held",
+                aspect_ratio=round(setting.aspect_ratio, 6),
             ),
         )
     return tuple(found[p] for p in sorted(found))

@@ -58,7 +58,7 @@ NO_CONTROL = Controlled({}, None, {})
 def rays(camera: CameraSetting, pixels: Array) -> Array:
     """Return directions (N, 3), z = 1, of pixels (N, 2) of the working size, with the distortion taken off."""
     cx, cy = camera.center_px
-    seen = (pixels - np.array([cx, cy])) / camera.focal_px
+    seen = (pixels - np.array([cx, cy])) / np.array(camera.focals_px)
     k1, k2, p1, p2, k3 = (*camera.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
     xy = seen.copy()
     for _ in range(25):

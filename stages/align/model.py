@@ -173,7 +173,10 @@ class ControlFit:
 
 @dataclass(frozen=True)
 class SolvedCamera:
-    """A profile's camera as solved: ratios to max(width, height), distortion k1, k2, p1, p2, k3."""
+    """A profile's camera as solved: ratios to max(width, height), distortion k1, k2, p1, p2, k3.
+
+    ``aspect_ratio`` is focal down over focal across (fy / fx), ``focal_ratio`` of their mean.
+    """
 
     profile: str
     focal_ratio: float
@@ -184,6 +187,7 @@ class SolvedCamera:
     mean_reproj_error_px: Optional[float] = None
     focal_sigma: Optional[float] = None
     prior_change: Optional[float] = None
+    aspect_ratio: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -213,13 +217,14 @@ class Candidate:
     height_scale: Optional[float] = None
     height_scale_sigma: Optional[float] = None
     height_scale_by: str = ""
+    aspect_ratio: float = 1.0
 
 
 @dataclass(frozen=True)
 class LockDecision:
     """What a profile's camera should be in the project: held at these numbers, or only started from them.
 
-    Ratios and distortion as in ``SolvedCamera``. ``source`` names where focal
+    Ratios, aspect and distortion as in ``SolvedCamera``. ``source`` names where focal
     and distortion come from, ``reason`` says why in words. ``supported`` is
     set where the focal was solved and the block's geometry fixes it.
     """
@@ -232,6 +237,7 @@ class LockDecision:
     source: str
     reason: str
     supported: bool = False
+    aspect_ratio: float = 1.0
 
 
 @dataclass(frozen=True)

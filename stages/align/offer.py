@@ -30,7 +30,13 @@ def offered(
             continue
         k1, k2, p1, p2, k3 = camera.distortion
         new = Measurement(
-            camera.focal_ratio, camera.focal_sigma, camera.center_ratio, (k1, k2, p1, p2, k3), camera.frames, survey
+            focal_ratio=camera.focal_ratio,
+            focal_sigma=camera.focal_sigma,
+            center_ratio=camera.center_ratio,
+            distortion=(k1, k2, p1, p2, k3),
+            frames=camera.frames,
+            survey=survey,
+            aspect_ratio=camera.aspect_ratio,
         )
         if worth_keeping(new, limits):
             result.append((key, new))

@@ -74,6 +74,7 @@ def starting_camera(camera: AlignCamera, max_dim: int, limits: Thresholds) -> Ca
         solve_focal=not held,
         solve_distortion=not held,
         prior=focal is not None,
+        aspect_ratio=camera.intrinsics.aspect_ratio,
     )
 
 

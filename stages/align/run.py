@@ -147,6 +147,7 @@ def _as_held(decisions: Sequence[LockDecision], report: AlignmentReport) -> Tupl
             focal_ratio=solved[d.profile].focal_ratio,
             center_ratio=solved[d.profile].center_ratio,
             distortion=solved[d.profile].distortion,
+            aspect_ratio=solved[d.profile].aspect_ratio,
         )
         if not d.hold and d.profile in solved
         else d
@@ -286,6 +287,7 @@ def solved_cameras(request: AlignRequest, job: Job, solution: Solution) -> Tuple
                 mean_reproj_error_px=_number(error, 4),
                 focal_sigma=_number(float(solution.focal_sigma[best]), 6),
                 prior_change=round(camera.focal_ratio / prior - 1.0, 5) if prior else None,
+                aspect_ratio=round(camera.aspect_ratio, 6),
             )
         )
     return tuple(result)

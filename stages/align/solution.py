@@ -16,6 +16,7 @@ from typing import Any, Dict, Optional, Tuple, Union
 import numpy as np
 import numpy.typing as npt
 
+from ..focals import both_focals
 from ..record import dumps, from_plain
 
 Array = npt.NDArray[np.float64]
@@ -46,7 +47,8 @@ class CameraSetting:
 
     ``focal_ratio`` and ``center_ratio`` are over max(width, height) of the
     working size, the centre as offset from the image centre.
-    ``distortion`` is k1, k2, p1, p2, k3 (Brown). ``solve_focal`` and
+    ``distortion`` is k1, k2, p1, p2, k3 (Brown). ``aspect_ratio`` is focal down
+    over focal across (fy / fx), ``focal_ratio`` that of their mean. ``solve_focal`` and
     ``solve_distortion`` say what the bundle adjustment may move,
     ``solve_center`` that a solved distortion has its principal point and
     decentring too: only tilted views tell these from the tilt and the place
@@ -63,6 +65,7 @@ class CameraSetting:
     solve_distortion: bool = True
     prior: bool = True
     solve_center: bool = False
+    aspect_ratio: float = 1.0
 
     @property
     def held(self) -> bool:
@@ -73,6 +76,11 @@ class CameraSetting:
     def focal_px(self) -> float:
         """Focal length in pixels of the working size."""
         return self.focal_ratio * max(self.width, self.height)
+
+    @property
+    def focals_px(self) -> Tuple[float, float]:
+        """Focal lengths across and down (fx, fy) in pixels of the working size."""
+        return both_focals(self.focal_px, self.aspect_ratio)
 
     @property
     def center_px(self) -> Tuple[float, float]:

@@ -60,6 +60,9 @@ def project(name: str, values: Tuple[float, ...], local: Array) -> Array:
         x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u)
         y = v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v
         return np.stack([fx * x + cx, fy * y + cy], axis=1)
+    if name == "PINHOLE":
+        fx, fy, cx, cy = values
+        return np.stack([fx * u + cx, fy * v + cy], axis=1)
     f, cx, cy = values[:3]
     k1, k2 = values[3:5] if name == "RADIAL" else (0.0, 0.0)
     radial = 1.0 + r2 * (k1 + r2 * k2)

@@ -90,10 +90,15 @@ def variant_of(
 
 
 def _restart(camera: AlignCamera, setting: CameraSetting) -> CameraSetting:
-    """A solved focal starts from what the mapping found, or from the trusted value; the centre from what is known."""
+    """A solved focal starts from what the mapping found, or from the trusted one; centre and aspect from what is known.
+
+    A distortion that is solved without its centre has one focal (RADIAL): the known aspect is put back here.
+    """
     known = focal_over_side(camera) if camera.intrinsics.focal_trusted else None
     setting = replace(setting, center_ratio=center_over_side(camera.intrinsics))
-    return setting if known is None else replace(setting, focal_ratio=known)
+    if known is None:
+        return setting
+    return replace(setting, focal_ratio=known, aspect_ratio=camera.intrinsics.aspect_ratio)
 
 
 def outcome_of(
@@ -126,6 +131,7 @@ def outcome_of(
         solved_focal=camera.focal_ratio,
         solved_center=camera.center_ratio,
         solved_distortion=camera.distortion,
+        solved_aspect=camera.aspect_ratio,
         scale=vertical_scale(request.frames, solution, ground, kept, limits),
         focal_sigma=focal_sigma if np.isfinite(focal_sigma) else None,
     )

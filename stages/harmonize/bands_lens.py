@@ -16,6 +16,7 @@ from typing import Any, Optional, Tuple
 import numpy as np
 import numpy.typing as npt
 
+from ..focals import both_focals
 from ..frame import Frame
 from ..intrinsics import Intrinsics
 
@@ -34,7 +35,8 @@ class Lens:
     """One band's optics in pixels of its frame; ``center_px`` is the principal point.
 
     ``distortion`` is Brown's five or, for ``fisheye``, the polynomial from its
-    constant term on; ``affine`` is Parrot's C, D, E, F.
+    constant term on; ``affine`` is Parrot's C, D, E, F. ``aspect_ratio`` is
+    focal down over focal across, whose mean ``focal_px`` is.
     """
 
     width: int
@@ -44,10 +46,12 @@ class Lens:
     projection: str = BROWN
     distortion: Tuple[float, ...] = ()
     affine: Tuple[float, ...] = ()
+    aspect_ratio: float = 1.0
 
     def plain(self) -> "Lens":
         """The same frame as an ideal pinhole about its middle."""
-        return replace(self, center_px=_middle(self.width, self.height), projection=BROWN, distortion=(), affine=())
+        middle = _middle(self.width, self.height)
+        return replace(self, center_px=middle, projection=BROWN, distortion=(), affine=(), aspect_ratio=1.0)
 
     def to_rays(self, pixels: Points) -> Points:
         """Undistort pixels (..., 2) to rays of the same shape."""
@@ -58,7 +62,12 @@ class Lens:
         center = np.array(self.center_px)
         if self.projection == FISHEYE:
             return _fisheye_pixels(self, rays)
-        return np.asarray(bend(rays, self.distortion) * self.focal_px + center)
+        return np.asarray(bend(rays, self.distortion) * self.focals_px + center)
+
+    @property
+    def focals_px(self) -> Points:
+        """Focal lengths across and down (2,)."""
+        return np.array(both_focals(self.focal_px, self.aspect_ratio))
 
 
 def _middle(width: int, height: int) -> Tuple[float, float]:
@@ -84,7 +93,7 @@ def lens_of(frame: Frame, intrinsics: Intrinsics) -> Lens:
     distortion: Tuple[float, ...] = ()
     if intrinsics.projection == BROWN and intrinsics.distortion and any(intrinsics.distortion):
         distortion = intrinsics.distortion
-    return Lens(width, height, focal, center, BROWN, distortion)
+    return Lens(width, height, focal, center, BROWN, distortion, aspect_ratio=intrinsics.aspect_ratio)
 
 
 def scaled(lens: Lens, size: Tuple[int, int]) -> Lens:
@@ -117,7 +126,7 @@ def bend(rays: Points, coefficients: Tuple[float, ...]) -> Points:
 
 
 def _brown_rays(lens: Lens, pixels: Points) -> Points:
-    bent = (np.asarray(pixels, np.float64) - np.array(lens.center_px)) / lens.focal_px
+    bent = (np.asarray(pixels, np.float64) - np.array(lens.center_px)) / lens.focals_px
     rays = bent.copy()
     if lens.distortion:
         for _ in range(_STEPS):

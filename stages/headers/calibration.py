@@ -16,6 +16,7 @@ import math
 from dataclasses import dataclass
 from typing import List, Optional, Tuple
 
+from ..focals import apart, mean_and_aspect
 from ..frame import FileCalibration
 from ..thresholds import Thresholds
 from .values import Numbers, to_number
@@ -122,13 +123,15 @@ def _camera(asked: _Asked) -> Optional[FileCalibration]:
     polynomial = numbers.several("Camera:FisheyePolynomial")
     if len(affine) == 4 and len(polynomial) >= 2 and affine[0] > 0 and polynomial[1] > 0:
         # An angle of 90 degrees is 1 on the polynomial's axis, so near the axis x = C * p1 * 2/pi * angle.
+        mean, aspect = mean_and_aspect(affine[0], affine[3] if affine[3] > 0 else affine[0])
         return FileCalibration(
             source="xmp-camera",
             projection="fisheye",
-            focal_px=affine[0] * polynomial[1] * 2.0 / math.pi * scale,
+            focal_px=mean * polynomial[1] * 2.0 / math.pi * scale,
             center_px=center,
             distortion=polynomial,
             fisheye_affine=tuple(a * scale for a in affine),
+            aspect_ratio=aspect,
         )
     focal = numbers.one("Camera:PerspectiveFocalLength")
     if focal is None or focal <= 0:
@@ -182,12 +185,22 @@ def _dewarp(asked: _Asked) -> Optional[FileCalibration]:
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = known
     if fx <= 0 or fy <= 0:
         return None
+    if apart(fx, fy) > asked.limits.intrinsics_disagreement:
+        asked.problems.append("calibration-focal-impossible:DewarpData")
+        return None
     scale = _scale_of_sensor(asked)
-    focal = asked.pixels((fx + fy) / 2.0 * scale, "DewarpData")
+    mean, aspect = mean_and_aspect(fx, fy)
+    focal = asked.pixels(mean * scale, "DewarpData")
     if focal is None:
         return None
     center = asked.inside((asked.size[0] / 2.0 + cx * scale, asked.size[1] / 2.0 + cy * scale))
-    return FileCalibration(source="xmp-dewarp", focal_px=focal, center_px=center, distortion=(k1, k2, p1, p2, k3))
+    return FileCalibration(
+        source="xmp-dewarp",
+        focal_px=focal,
+        center_px=center,
+        distortion=(k1, k2, p1, p2, k3),
+        aspect_ratio=aspect,
+    )
 
 
 def _calibrated(asked: _Asked) -> Optional[FileCalibration]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -125,6 +126,21 @@ def test_an_entry_under_anothers_name_or_with_odd_numbers_is_refused(tmp_path: P
         read_store(tmp_path)
     (tmp_path / name).rename(tmp_path / "other.json")
     (tmp_path / "other.json").write_text(text)
+    with pytest.raises(UsageError):
+        read_store(tmp_path)
+
+
+def test_an_aspect_comes_back_and_an_entry_without_one_has_square_pixels(tmp_path: Path):
+    entry = Entry(KEY, replace(GOOD, aspect_ratio=0.998089), ("first",))
+    write_entry(tmp_path, entry)
+    assert read_store(tmp_path) == {KEY: entry}
+    file = tmp_path / entry_name(KEY)
+    text = file.read_text()
+    plain = json.loads(text)
+    del plain["best"]["aspect_ratio"]
+    file.write_text(json.dumps(plain))
+    assert read_store(tmp_path)[KEY].best == GOOD
+    file.write_text(text.replace("0.998089", "-0.998089"))
     with pytest.raises(UsageError):
         read_store(tmp_path)
 

@@ -29,7 +29,8 @@ def test_a_grid_projects_to_the_same_pixels(lens):
 
 def test_what_is_no_such_lens_is_not_converted():
     polynomial, affine = GREEN
-    assert as_opencv(polynomial, (*affine[:3], affine[3] * 1.01), 1280, 960, 0.05) is None
+    assert as_opencv(polynomial, (affine[0], 10.0, *affine[2:]), 1280, 960, 0.05) is None
+    assert as_opencv(polynomial, (*affine[:3], 0.0), 1280, 960, 0.05) is None
     assert as_opencv(polynomial, affine[:2], 1280, 960, 0.05) is None
     assert as_opencv((0.0, 1.0, 0.5, -0.9), affine, 1280, 960, 0.05) is None
     assert as_opencv((0.0,), affine, 1280, 960, 0.05) is None

@@ -171,7 +171,15 @@ def test_dewarp_data_of_a_raw_frame() -> None:
     assert found.focal_ratio == pytest.approx(3713.29 / 5280)
     assert (found.distortion, found.distortion_source) == (DEWARP.distortion, "xmp-dewarp")
     assert found.center_ratio == pytest.approx((7.0 / 5280, -8.6 / 5280))
-    assert found.sensor_width_mm == 17.42 and found.complete
+    assert found.sensor_width_mm == 17.42 and found.complete and found.aspect_ratio == 1.0
+
+
+def test_the_aspect_of_two_focals_goes_with_the_calibration_that_has_them() -> None:
+    two = replace(M3E, calibration=replace(DEWARP, aspect_ratio=0.9993))
+    assert rgb(two).aspect_ratio == 0.9993
+    # Passed over: every other source says another focal.
+    wild = rgb(replace(two, calibration=replace(DEWARP, focal_px=9000.0, aspect_ratio=0.9993)))
+    assert wild.focal_source != "xmp-dewarp" and wild.aspect_ratio == 1.0
 
 
 def test_a_dewarped_frame_has_no_distortion_left() -> None:

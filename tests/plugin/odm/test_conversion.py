@@ -7,13 +7,16 @@ polynomial; ODM's side is the entry as OpenSfM reads it.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Sequence, Tuple
 
 import numpy as np
 import pytest
 from sensorgate.plugin.odm.cameras import CameraDecision, decision_from_intrinsics, entry
 from sensorgate.plugin.odm.opensfm_cameras import camera_from_json, project
+from sensorgate.stages.align.model import AlignCamera
 from sensorgate.stages.align.models import camera_model, read_model
+from sensorgate.stages.align.prepare import starting_camera
 from sensorgate.stages.align.solution import CameraSetting
 from sensorgate.stages.frame import FileCalibration, Frame
 from sensorgate.stages.intrinsics import resolve
@@ -22,6 +25,7 @@ from sensorgate.stages.sensors import load_sheet
 from sensorgate.stages.thresholds import DEFAULTS
 
 from tests.frames import REAL
+from tests.stages.headers.build import packet, read, tiff_file
 
 WORST_PX = DEFAULTS.conversion_error_px
 BEND = (-0.1126, 0.0149, -0.00009, 0.0003, -0.0271)
@@ -49,9 +53,11 @@ def moved(ours: np.ndarray, truth: np.ndarray, size: Tuple[int, int]) -> float:
     return float(np.hypot(*(ours - truth)[inside].T).max())
 
 
-def by_opencv(focal: float, center: Sequence[float], bend: Sequence[float], points: np.ndarray) -> np.ndarray:
+def by_opencv(
+    focals: Tuple[float, float], center: Sequence[float], bend: Sequence[float], points: np.ndarray
+) -> np.ndarray:
     cv2 = pytest.importorskip("cv2")
-    matrix = np.array([[focal, 0.0, center[0]], [0.0, focal, center[1]], [0.0, 0.0, 1.0]])
+    matrix = np.array([[focals[0], 0.0, center[0]], [0.0, focals[1], center[1]], [0.0, 0.0, 1.0]])
     found = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, np.asarray(bend))[0]
     return np.asarray(found).reshape(-1, 2)
 
@@ -66,12 +72,64 @@ def test_a_calibration_out_of_the_file(size: Tuple[int, int], scale: float) -> N
     assert decision.focal_source == "xmp-dewarp" and decision.distortion == BEND
     written = (round(size[0] * scale), round(size[1] * scale))
     points = grid(written, focal * scale, 1.1)
-    there = by_opencv(focal * scale, [c * scale - 0.5 for c in center], BEND, points)
+    there = by_opencv((focal * scale, focal * scale), [c * scale - 0.5 for c in center], BEND, points)
     assert moved(as_odm(decision, written, points), there, written) < WORST_PX
+
+
+# Fx and fy as the XMP of a Phantom 4 RTK and of a Mavic 3 Enterprise have them, and the size they count pixels of.
+DJI = {"P4RTK": (3678.87, 3671.84, 5472, 3648), "M3E": (3713.29, 3710.7, 5280, 3956)}
+
+
+def dewarped(name: str, bend: Sequence[float], written: Tuple[int, int]) -> Frame:
+    """The frame of a file with ``DewarpData`` of two focals."""
+    across, down, width, height = DJI[name]
+    numbers = ",".join(repr(float(v)) for v in (across, down, 7.02, -8.72, *bend))
+    attributes = (
+        f'drone-dji:DewarpData="2024-01-01;{numbers}" drone-dji:DewarpFlag="0" '
+        f'drone-dji:CalibratedOpticalCenterX="{width / 2}" drone-dji:CalibratedOpticalCenterY="{height / 2}"'
+    )
+    return read(tiff_file([(700, 1, list(packet(attributes=attributes)))], size=written, bits=8), "a.tif")
+
+
+@pytest.mark.parametrize("bend", [BEND, (0.0,) * 5], ids=["bent", "straight"])
+@pytest.mark.parametrize("scale", [1.0, 0.5], ids=["native", "resampled"])
+@pytest.mark.parametrize("name", sorted(DJI))
+def test_two_focals_from_the_file_to_odm_and_to_colmap_and_back(name: str, scale: float, bend: Sequence[float]) -> None:
+    pycolmap = pytest.importorskip("pycolmap")
+    across, down, width, height = DJI[name]
+    size = (round(width * scale), round(height * scale))
+    known = resolve(dewarped(name, bend, size), "rgb", load_sheet(None))
+    assert known.focal_source == "xmp-dewarp" and known.aspect_ratio == pytest.approx(down / across)
+    points = grid(size, across * scale)
+    center = [(s / 2 + c) * scale - 0.5 for s, c in zip((width, height), (7.02, -8.72))]
+    there = by_opencv((across * scale, down * scale), center, bend, points)
+    assert moved(as_odm(decision_from_intrinsics("p", known), size, points), there, size) < WORST_PX
+    # The ratio matters: without it the same way goes wrong.
+    square = decision_from_intrinsics("p", replace(known, aspect_ratio=1.0))
+    assert moved(as_odm(square, size, points), there, size) > 3 * WORST_PX
+
+    setting = starting_camera(AlignCamera("p", *size, known), size[0] // 2, DEFAULTS)
+    model, values = camera_model(setting)
+    assert model == ("FULL_OPENCV" if any(bend) else "PINHOLE")
+    camera = pycolmap.Camera(model=model, width=setting.width, height=setting.height, params=values)
+    work = np.asarray(size) / (setting.width, setting.height)
+    seen = np.asarray([camera.img_from_cam(p) for p in points]) * work - 0.5
+    assert moved(seen, there, size) < WORST_PX
+    back = read_model(setting, model, values)
+    solved = CameraDecision(
+        profile="p",
+        focal_ratio=round(back.focal_ratio, 6),
+        focal_source="solved",
+        center_ratio=(round(back.center_ratio[0], 6), round(back.center_ratio[1], 6)),
+        distortion=tuple(round(v, 6) for v in back.distortion),
+        aspect_ratio=round(back.aspect_ratio, 6),
+    )
+    assert moved(as_odm(solved, size, points), there, size) < WORST_PX
 
 
 MODELS = {
     "SIMPLE_PINHOLE": (False, False, (0.0,) * 5),
+    "PINHOLE": (False, False, (0.0,) * 5),
     "RADIAL": (True, False, (-0.09, 0.03, 0.0, 0.0, 0.0)),
     "OPENCV": (True, True, (-0.09, 0.03, 0.0007, -0.0004, 0.0)),
     "FULL_OPENCV": (False, False, BEND),
@@ -85,8 +143,9 @@ def test_a_camera_that_the_alignment_solved(model: str, size: Tuple[int, int]) -
     free, center, bend = MODELS[model]
     work = (size[0] * 2 // 5, size[1] * 2 // 5)
     setting = CameraSetting(
-        "p", *work, 0.713, (0.004, -0.006), bend, solve_focal=free, solve_distortion=free, solve_center=center
-    )
+        "p", *work, 0.713, (0.004, -0.006), bend, solve_focal=free, solve_distortion=free, solve_center=center,
+        aspect_ratio=1.0 if model == "SIMPLE_PINHOLE" else 0.998,
+    )  # fmt: skip
     name, values = camera_model(setting)
     assert name == model
     solved = read_model(setting, name, values)
@@ -96,6 +155,7 @@ def test_a_camera_that_the_alignment_solved(model: str, size: Tuple[int, int]) -
         focal_source="solved",
         center_ratio=(round(solved.center_ratio[0], 6), round(solved.center_ratio[1], 6)),
         distortion=tuple(round(v, 6) for v in solved.distortion),
+        aspect_ratio=round(solved.aspect_ratio, 6),
     )
     camera = pycolmap.Camera(model=name, width=work[0], height=work[1], params=values)
     points = grid(size, 0.713 * max(size))
@@ -110,7 +170,8 @@ def by_polynomial(given: FileCalibration, size: Tuple[int, int], points: np.ndar
     angle = np.arctan2(flat, points[:, 2]) * 2.0 / math.pi
     radius = given.fisheye_affine[0] * sum(p * angle**k for k, p in enumerate(given.distortion))
     center = given.center_px or (size[0] / 2, size[1] / 2)
-    return (points[:, :2] / flat[:, None] * radius[:, None] + np.asarray(center)) * scale - 0.5
+    square = np.array([1.0, given.fisheye_affine[3] / given.fisheye_affine[0]])
+    return (points[:, :2] / flat[:, None] * radius[:, None] * square + np.asarray(center)) * scale - 0.5
 
 
 def fisheye_error(frame: Frame, given: FileCalibration, spectrum: str, scale: float) -> float:
@@ -124,14 +185,16 @@ def fisheye_error(frame: Frame, given: FileCalibration, spectrum: str, scale: fl
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0], ids=["native", "resampled"])
-def test_a_fisheye_calibration_out_of_the_file(scale: float) -> None:
+@pytest.mark.parametrize("aspect", [1.0, 0.997])
+def test_a_fisheye_calibration_out_of_the_file(scale: float, aspect: float) -> None:
     given = FileCalibration(
         "xmp-camera",
         projection="fisheye",
         focal_mm=3.98,
         center_px=(655.2, 474.9),
         distortion=(0.0, 1.0, 0.00592627, -0.136981656),
-        fisheye_affine=(1676.825547004, 0.0, 0.0, 1676.825547004),
+        fisheye_affine=(1676.825547004, 0.0, 0.0, 1676.825547004 * aspect),
+        aspect_ratio=aspect,
     )
     frame = Frame(
         path="a.tif", size_bytes=1, format="tiff", width=1280, height=960, focal_mm=3.98, calibration=given,

@@ -246,6 +246,16 @@ def test_rays_undo_the_projection(bend):
     seen = project(name, tuple(values), local)
     assert np.allclose(rays(camera, seen), local, atol=1e-7)
     assert read_model(camera, name, values) == camera
+    # One whose focals across and down differ.
+    camera = replace(camera, aspect_ratio=0.9981)
+    name, values = camera_model(camera)
+    assert name == ("FULL_OPENCV" if any(bend) else "PINHOLE") and values[1] / values[0] == pytest.approx(0.9981)
+    assert np.allclose(rays(camera, project(name, tuple(values), local)), local, atol=1e-7)
+    back = read_model(camera, name, values)
+    assert (back.focal_ratio, back.aspect_ratio) == pytest.approx((0.8, 0.9981), abs=1e-12)
+    # With one focal alone what is solved is what comes back.
+    name, values = camera_model(replace(camera, solve_distortion=True))
+    assert name == "RADIAL" and read_model(camera, name, values).aspect_ratio == 1.0
 
 
 def test_what_may_move_decides_the_model():

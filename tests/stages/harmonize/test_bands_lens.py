@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -30,7 +31,7 @@ def grid(lens: Lens) -> np.ndarray:
     return np.stack(np.meshgrid(np.linspace(0, lens.width - 1, 9), np.linspace(0, lens.height - 1, 7)), axis=-1)
 
 
-@pytest.mark.parametrize("lens", [BROWN, PARROT, BROWN.plain()])
+@pytest.mark.parametrize("lens", [BROWN, PARROT, BROWN.plain(), replace(BROWN, aspect_ratio=0.998)])
 def test_pixels_go_to_rays_and_back(lens: Lens) -> None:
     assert np.abs(lens.to_pixels(lens.to_rays(grid(lens))) - grid(lens)).max() < 1e-4
 
@@ -56,12 +57,15 @@ def test_any_usual_lens_inverts(k1: float, k2: float, p1: float, p2: float, k3: 
     assert np.abs(lens.to_pixels(lens.to_rays(grid(lens))) - grid(lens)).max() < 0.01
 
 
-def test_brown_is_opencvs() -> None:
-    matrix = np.array([[BROWN.focal_px, 0, BROWN.center_px[0]], [0, BROWN.focal_px, BROWN.center_px[1]], [0, 0, 1]])
+@pytest.mark.parametrize("aspect", [1.0, 0.998])
+def test_brown_is_opencvs(aspect: float) -> None:
+    lens = replace(BROWN, focal_px=BROWN.focal_px * (1.0 + aspect) / 2.0, aspect_ratio=aspect)
+    across, down = BROWN.focal_px, BROWN.focal_px * aspect
+    matrix = np.array([[across, 0, BROWN.center_px[0]], [0, down, BROWN.center_px[1]], [0, 0, 1]])
     rays = BROWN.plain().to_rays(grid(BROWN)).reshape(-1, 2)
     points = np.hstack((rays, np.ones((len(rays), 1))))
     seen, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, np.array(BROWN.distortion))
-    assert np.abs(seen[:, 0] - BROWN.to_pixels(rays)).max() < 1e-6
+    assert np.abs(seen[:, 0] - lens.to_pixels(rays)).max() < 1e-6
 
 
 def test_fisheye_angle_follows_its_polynomial() -> None:

@@ -29,6 +29,7 @@ def test_dewarp_data_is_pixels_of_the_full_sensor_with_the_centre_as_an_offset()
     assert frame.dewarp_flag == 0
     assert frame.calibration.source == "xmp-dewarp"
     assert (frame.calibration.focal_px, frame.calibration.center_px) == (65.0, (41.0, 28.0))
+    assert frame.calibration.aspect_ratio == 66.0 / 64.0
     assert frame.calibration.distortion == (-0.26, 0.11, 0.0004, -0.0001, -0.03)
 
 
@@ -41,6 +42,7 @@ def test_dewarp_data_follows_a_reduced_frame_and_not_a_crop(size, scale):
     xmp = packet(attributes=P4RTK.format(x="2736.0", y="1824.0"))
     frame = read(tiff_file([(700, 1, list(xmp))], size=size, bits=8), "a.tif")
     assert frame.calibration.focal_px == pytest.approx((3678.87 + 3671.84) / 2 * scale)
+    assert frame.calibration.aspect_ratio == pytest.approx(3671.84 / 3678.87)
     assert frame.calibration.center_px == pytest.approx((size[0] / 2 + 10.1 * scale, size[1] / 2 + 27.29 * scale))
 
 
@@ -50,6 +52,11 @@ def test_dewarp_data_follows_a_reduced_frame_and_not_a_crop(size, scale):
 def test_dewarp_data_that_is_none(text):
     frame = with_xmp(f'drone-dji:DewarpData="{text}"', size=(80, 60))
     assert frame.calibration is None
+
+
+def test_focals_that_no_lens_has_together_are_no_calibration():
+    frame = with_xmp('drone-dji:DewarpData="date;64,90,0,0,0,0,0,0,0"', size=(80, 60))
+    assert frame.calibration is None and "calibration-focal-impossible:DewarpData" in frame.problems
 
 
 def test_calibrated_focal_length_is_pixels():
