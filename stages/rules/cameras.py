@@ -203,7 +203,7 @@ def sources(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
                 code="stale-focal-plane",
                 severity=ERROR,
                 subjects=tuple(stale),
-                message=f"{plural(len(stale))} of {profile.id} carry focal-plane tags of another picture size "
+                message=f"{plural(len(stale))} of {profile.id} came with focal-plane tags of another picture size "
                 "(they were resized after the flight). Software that believes them gets a wrong focal.",
                 remedy="sensorgate run sets the tags right in the project's copies.",
                 measured=float(len(stale)),

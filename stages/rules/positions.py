@@ -43,7 +43,7 @@ def gps(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
             code="gps-zero",
             severity=WARNING,
             subjects=tuple(zero),
-            message=f"{plural(len(zero))} carry the position 0,0 that cameras write before a fix: {named(zero)}.",
+            message=f"{plural(len(zero))} came with the position 0,0 that cameras write before a fix: {named(zero)}.",
             remedy="Give positions with --geo FILE, or go on: they are treated as without GPS.",
             measured=float(len(zero)),
         )

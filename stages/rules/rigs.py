@@ -160,7 +160,7 @@ def misnumbered(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
             code="capture-misnumbered",
             severity=WARNING,
             subjects=tuple(f.path for f in wrong),
-            message=f"{plural(len(wrong))} carry the capture id of another trigger: {listed(shown)}. "
+            message=f"{plural(len(wrong))} came with the capture id of another trigger: {listed(shown)}. "
             "They were put to the capture that has their time.",
             remedy="ODM goes by the id and would lay these bands over other ground: leave these captures out, or set "
             "right the id in the files.",
