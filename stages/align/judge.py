@@ -57,7 +57,8 @@ def _judge_one(p: PayloadFigures, measured: Measured, several: bool, limits: Thr
     if p.looks_down is not None and p.looks_down < limits.min_registered_share:
         bad.append("its cameras look at the sky: the model is turned over")
     if p.frames < limits.min_proof_frames:
-        open_.append(f"{p.frames} frame{'s' if p.frames > 1 else ''}: fewer than {limits.min_proof_frames} cannot contradict a wrong model")
+        few = f"{p.frames} frames" if p.frames != 1 else "1 frame"
+        open_.append(f"{few}: fewer than {limits.min_proof_frames} cannot contradict a wrong model")
     verdict = UNPROVEN if _nothing_to_judge(p, limits) else FAIL if bad else UNPROVEN if open_ else PASS
     reasons = {PASS: said, UNPROVEN: [*open_, *bad, *said], FAIL: [*bad, *open_, *said]}[verdict]
     return PayloadAlignment(
