@@ -21,7 +21,7 @@ from ...stages.align.model import AlignmentReport, GcpMark, PayloadAlignment
 from ...stages.align.pairs import plan_pairs
 from ...stages.align.prepare import build_job
 from ...stages.align.run import assemble_report
-from ...stages.align.solution import UNPLACED, CameraSetting, Job, Solution
+from ...stages.align.solution import UNPLACED, CameraSetting, Job, Solution, in_work
 from ...stages.align.world import ground_of
 from ...stages.route import PAIRWISE, PROCEED
 from ...stages.thresholds import Thresholds
@@ -188,6 +188,7 @@ def _solved(job: Job, placed: PlacedFrames, at: Ints, held: bool) -> List[Camera
                 solve_focal=not held,
                 solve_distortion=not held,
             )
+            setting = in_work(setting)
         found.append(setting)
     return found
 

@@ -17,7 +17,7 @@ from ..thresholds import Thresholds
 from .fit import called
 from .model import AlignCamera, Bowing, Candidate, LockDecision
 from .prepare import focal_over_side, known_distortion
-from .solution import CameraSetting
+from .solution import CameraSetting, in_frame, in_work
 from .vertical import DISAGREE, FLYING, MODEL, MODEL_DISAGREES, VerticalScale
 
 SOLVED = "solved"
@@ -149,9 +149,10 @@ def trials_by_heights(outcomes: Sequence[Outcome], geometry: Geometry, limits: T
 
 def setting_for(trial: Trial, current: CameraSetting, tilted: bool = False) -> CameraSetting:
     """The camera that an adjustment starts from under a trial; with ``tilted`` views its centre is solved as well."""
+    if trial.focal is not None:
+        current = in_work(replace(in_frame(current), focal_ratio=trial.focal))
     return replace(
         current,
-        focal_ratio=trial.focal if trial.focal is not None else current.focal_ratio,
         distortion=trial.distortion if trial.distortion is not None else (*current.distortion[:2], 0.0, 0.0, 0.0),
         solve_focal=trial.focal is None,
         solve_distortion=trial.distortion is None,

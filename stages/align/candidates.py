@@ -27,7 +27,7 @@ from .fit import surface_bow
 from .held import HOLDING
 from .model import AlignCamera, AlignFrame, AlignRequest, Bowing, Candidate, LockDecision
 from .prepare import holdable
-from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
+from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution, in_frame
 from .tried import Bench, camera_index, camera_of, error_of, geometry_of
 from .world import Ground, Rows, fit_rows
 
@@ -202,7 +202,7 @@ def as_mapped(request: AlignRequest, solution: Solution) -> Tuple[LockDecision, 
     """Decisions where nothing was tried: trusted calibrations are held, the rest is as it was solved."""
     found: Dict[str, LockDecision] = {}
     for index, camera in enumerate(request.cameras):
-        setting = solution.cameras[index]
+        setting = in_frame(solution.cameras[index])
         hold = holdable(camera)
         given = camera.intrinsics
         found.setdefault(

@@ -11,7 +11,7 @@ from ..thresholds import Thresholds
 from .images import working_size
 from .model import AlignCamera, AlignFrame, AlignRequest
 from .pairs import PairPlan
-from .solution import CameraSetting, EngineSettings, Job, JobFrame, Retrieval
+from .solution import CameraSetting, EngineSettings, Job, JobFrame, Retrieval, in_work
 
 RUNGS = ("quick", "alone", "reference", "mixed", "pairwise")
 _VERIFY_PX_AT = (4.0, 1600.0)
@@ -64,7 +64,7 @@ def starting_camera(camera: AlignCamera, max_dim: int, limits: Thresholds) -> Ca
     guess = limits.fallback_focal_ratio * camera.width / max(camera.width, camera.height)
     held = holdable(camera)
     bend = known_distortion(camera) or (0.0, 0.0, 0.0, 0.0, 0.0)
-    return CameraSetting(
+    setting = CameraSetting(
         profile=camera.profile,
         width=width,
         height=height,
@@ -75,7 +75,9 @@ def starting_camera(camera: AlignCamera, max_dim: int, limits: Thresholds) -> Ca
         solve_distortion=not held,
         prior=focal is not None,
         aspect_ratio=camera.intrinsics.aspect_ratio,
+        squash=height * camera.width / (width * camera.height),
     )
+    return in_work(setting)
 
 
 def engine_settings(rung: str, max_dim: int, threads: int, limits: Thresholds) -> EngineSettings:

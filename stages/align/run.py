@@ -35,7 +35,7 @@ from .model import (
 )
 from .pairs import PairPlan, plan_pairs
 from .prepare import build_job, focal_over_side, rung_max_dim, sorted_request
-from .solution import UNPLACED, Job, Retrieval, Solution
+from .solution import UNPLACED, Job, Retrieval, Solution, in_frame
 from .terrain import terrain_of
 from .world import Ground, ground_of
 
@@ -269,7 +269,7 @@ def solved_cameras(request: AlignRequest, job: Job, solution: Solution) -> Tuple
     for profile in sorted({c.profile for c in request.cameras}):
         options = [i for i, c in enumerate(request.cameras) if c.profile == profile]
         best = min(options, key=lambda i: (-count[i], i))
-        camera = solution.cameras[best]
+        camera = in_frame(solution.cameras[best])
         rows = np.asarray(
             [i for i, f in enumerate(job.frames) if f.camera in options and solution.model[i] != UNPLACED], dtype=int
         )

@@ -9,14 +9,14 @@ unknown similarity away from the ground).
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Dict, Optional, Tuple, Union
 
 import numpy as np
 import numpy.typing as npt
 
-from ..focals import both_focals
+from ..focals import both_focals, mean_and_aspect
 from ..record import dumps, from_plain
 
 Array = npt.NDArray[np.float64]
@@ -48,7 +48,9 @@ class CameraSetting:
     ``focal_ratio`` and ``center_ratio`` are over max(width, height) of the
     working size, the centre as offset from the image centre.
     ``distortion`` is k1, k2, p1, p2, k3 (Brown). ``aspect_ratio`` is focal down
-    over focal across (fy / fx), ``focal_ratio`` that of their mean. ``solve_focal`` and
+    over focal across (fy / fx), ``focal_ratio`` that of their mean. ``squash``
+    is how much more the working size's rounding shrinks the picture down than
+    across; see ``in_frame``. ``solve_focal`` and
     ``solve_distortion`` say what the bundle adjustment may move,
     ``solve_center`` that a solved distortion has its principal point and
     decentring too: only tilted views tell these from the tilt and the place
@@ -66,6 +68,7 @@ class CameraSetting:
     prior: bool = True
     solve_center: bool = False
     aspect_ratio: float = 1.0
+    squash: float = 1.0
 
     @property
     def held(self) -> bool:
@@ -87,6 +90,33 @@ class CameraSetting:
         """Principal point in pixels of the working size, origin at the corner of the first pixel."""
         side = max(self.width, self.height)
         return self.width / 2.0 + self.center_ratio[0] * side, self.height / 2.0 + self.center_ratio[1] * side
+
+
+def in_frame(camera: CameraSetting) -> CameraSetting:
+    """The focals of a camera in pixels of the working size, as the frame itself has them.
+
+    The longer side is scaled exactly, the other to a whole pixel: a third of a
+    pixel of a thousand would be half a pixel at the edge of the frame. A camera
+    of one focal is taken for the frame's as it stands.
+    """
+    return _unsquashed(camera, 1.0 / camera.squash)
+
+
+def in_work(camera: CameraSetting) -> CameraSetting:
+    """The inverse of ``in_frame``: two focals of the frame in pixels of the working size."""
+    return _unsquashed(camera, camera.squash)
+
+
+def _unsquashed(camera: CameraSetting, down_over_across: float) -> CameraSetting:
+    if camera.aspect_ratio == 1.0 or camera.squash == 1.0:
+        return camera
+    across, down = both_focals(camera.focal_ratio, camera.aspect_ratio)
+    if camera.width >= camera.height:
+        down *= down_over_across
+    else:
+        across /= down_over_across
+    mean, aspect = mean_and_aspect(across, down)
+    return replace(camera, focal_ratio=mean, aspect_ratio=aspect)
 
 
 @dataclass(frozen=True)

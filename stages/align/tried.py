@@ -17,7 +17,7 @@ from .control import Lay, lay_by_control
 from .fit import bowing, height_above_ground, residual_fit
 from .model import AlignCamera, AlignRequest, Bowing
 from .prepare import center_over_side, focal_over_side
-from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution
+from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution, in_frame, in_work
 from .vertical import FLYING, MODEL, vertical_scale
 from .world import Ground, Rows, fit_rows
 
@@ -98,7 +98,7 @@ def _restart(camera: AlignCamera, setting: CameraSetting) -> CameraSetting:
     setting = replace(setting, center_ratio=center_over_side(camera.intrinsics))
     if known is None:
         return setting
-    return replace(setting, focal_ratio=known, aspect_ratio=camera.intrinsics.aspect_ratio)
+    return in_work(replace(setting, focal_ratio=known, aspect_ratio=camera.intrinsics.aspect_ratio))
 
 
 def outcome_of(
@@ -183,10 +183,10 @@ def camera_index(job: Job, rows: Rows) -> int:
 
 
 def camera_of(solution: Solution, job: Job, rows: Rows, profile: str) -> CameraSetting:
-    """A profile's camera as solved, from the size that most of these frames have."""
+    """A profile's camera as solved, in the frame's terms, from the size that most of these frames have."""
     if len(rows):
-        return solution.cameras[camera_index(job, rows)]
-    return next(c for c in solution.cameras if c.profile == profile)
+        return in_frame(solution.cameras[camera_index(job, rows)])
+    return in_frame(next(c for c in solution.cameras if c.profile == profile))
 
 
 def geometry_of(

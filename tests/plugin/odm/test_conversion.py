@@ -12,14 +12,17 @@ from typing import Sequence, Tuple
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from sensorgate.plugin.odm.cameras import CameraDecision, decision_from_intrinsics, entry
 from sensorgate.plugin.odm.opensfm_cameras import camera_from_json, project
 from sensorgate.stages.align.model import AlignCamera
 from sensorgate.stages.align.models import camera_model, read_model
 from sensorgate.stages.align.prepare import starting_camera
-from sensorgate.stages.align.solution import CameraSetting
+from sensorgate.stages.align.solution import CameraSetting, in_frame, in_work
+from sensorgate.stages.focals import both_focals
 from sensorgate.stages.frame import FileCalibration, Frame
-from sensorgate.stages.intrinsics import resolve
+from sensorgate.stages.intrinsics import Intrinsics, resolve
 from sensorgate.stages.read import read_frame
 from sensorgate.stages.sensors import load_sheet
 from sensorgate.stages.thresholds import DEFAULTS
@@ -108,14 +111,16 @@ def test_two_focals_from_the_file_to_odm_and_to_colmap_and_back(name: str, scale
     square = decision_from_intrinsics("p", replace(known, aspect_ratio=1.0))
     assert moved(as_odm(square, size, points), there, size) > 3 * WORST_PX
 
-    setting = starting_camera(AlignCamera("p", *size, known), size[0] // 2, DEFAULTS)
+    # The working size's shorter side is no whole number of pixels: rounding it squashes the picture.
+    setting = starting_camera(AlignCamera("p", *size, known), 1600, DEFAULTS)
+    assert setting.squash != 1.0
     model, values = camera_model(setting)
     assert model == ("FULL_OPENCV" if any(bend) else "PINHOLE")
     camera = pycolmap.Camera(model=model, width=setting.width, height=setting.height, params=values)
     work = np.asarray(size) / (setting.width, setting.height)
     seen = np.asarray([camera.img_from_cam(p) for p in points]) * work - 0.5
     assert moved(seen, there, size) < WORST_PX
-    back = read_model(setting, model, values)
+    back = in_frame(read_model(setting, model, values))
     solved = CameraDecision(
         profile="p",
         focal_ratio=round(back.focal_ratio, 6),
@@ -125,6 +130,21 @@ def test_two_focals_from_the_file_to_odm_and_to_colmap_and_back(name: str, scale
         aspect_ratio=round(back.aspect_ratio, 6),
     )
     assert moved(as_odm(solved, size, points), there, size) < WORST_PX
+
+
+@given(st.floats(0.9, 1.1), st.integers(300, 9000), st.integers(300, 9000), st.integers(100, 2000))
+def test_focals_of_the_frame_come_back_from_the_working_size(aspect: float, width: int, height: int, side: int) -> None:
+    known = Intrinsics(focal_ratio=0.7, focal_source="xmp-dewarp", distortion=BEND, aspect_ratio=aspect)
+    setting = starting_camera(AlignCamera("p", width, height, known), side, DEFAULTS)
+    back = in_frame(setting)
+    assert back.focal_ratio == pytest.approx(0.7 * width / max(width, height)) and back.aspect_ratio == pytest.approx(
+        aspect
+    )
+    assert in_work(back).focals_px == pytest.approx(setting.focals_px)
+    if aspect != 1.0:
+        across, down = both_focals(0.7 * width, aspect)
+        expected = (across * setting.width / width, down * setting.height / height)
+        assert setting.focals_px == pytest.approx(expected)
 
 
 MODELS = {
