@@ -99,15 +99,15 @@ def in_frame(camera: CameraSetting) -> CameraSetting:
     pixel of a thousand would be half a pixel at the edge of the frame. A camera
     of one focal is taken for the frame's as it stands.
     """
-    return _unsquashed(camera, 1.0 / camera.squash)
+    return _stretched(camera, 1.0 / camera.squash)
 
 
 def in_work(camera: CameraSetting) -> CameraSetting:
     """The inverse of ``in_frame``: two focals of the frame in pixels of the working size."""
-    return _unsquashed(camera, camera.squash)
+    return _stretched(camera, camera.squash)
 
 
-def _unsquashed(camera: CameraSetting, down_over_across: float) -> CameraSetting:
+def _stretched(camera: CameraSetting, down_over_across: float) -> CameraSetting:
     if camera.aspect_ratio == 1.0 or camera.squash == 1.0:
         return camera
     across, down = both_focals(camera.focal_ratio, camera.aspect_ratio)
