@@ -29,7 +29,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
@@ -37,6 +37,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from sensorgate.stages.align.collected import Part, Pose, assembled
 from sensorgate.stages.align.colmap_program import Flag, program, run
 from sensorgate.stages.align.judge import judge, overall
 from sensorgate.stages.align.measure import measure
@@ -192,25 +193,16 @@ def with_program(pycolmap: Any, inputs: Path, models: Path, database: Path, side
 
 def solution_of(pycolmap: Any, request: AlignRequest, found: Sequence[Any], database: Path, side: int) -> Solution:
     """COLMAP's models in the terms of our measures; a frame in two models counts in the larger one."""
-    count = len(request.frames)
-    model = np.full(count, UNPLACED, dtype=np.int64)
-    center, rotation = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
-    error, seen = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
-    points: List[Tuple[int, int, Any]] = []
-    ranked = sorted(found, key=lambda m: (-m.num_reg_images(), -m.num_points3D()))
-    row_of: Dict[int, int] = {}
-    for number, each in enumerate(ranked):
-        for image_id in sorted(each.reg_image_ids()):
+    parts = []
+    for each in sorted(found, key=lambda m: (-m.num_reg_images(), -m.num_points3D())):
+        poses = {}
+        for image_id in each.reg_image_ids():
             image = each.images[image_id]
-            row = row_of.setdefault(image_id, int(image.name.split(".")[0]))
-            if model[row] != UNPLACED:
-                continue
             pose = image.cam_from_world()
-            model[row], rotation[row] = number, pose.rotation.matrix()
-            center[row] = -rotation[row].T @ np.asarray(pose.translation)
-            errors = errors_of(each, image)
-            seen[row], error[row] = len(errors), float(np.mean(errors)) if len(errors) else np.nan
-        points += [(number, int(i), np.asarray(each.points3D[i].xyz)) for i in sorted(each.points3D)]
+            rotation = pose.rotation.matrix()
+            centre = -rotation.T @ np.asarray(pose.translation)
+            poses[int(image.name.split(".")[0])] = Pose(rotation, centre, errors_of(each, image))
+        parts.append(Part(poses, {}, {int(i): np.asarray(p.xyz) for i, p in each.points3D.items()}))
     opened = pycolmap.Database.open(str(database))
     names = {image.image_id: int(image.name.split(".")[0]) for image in opened.read_all_images()}
     keys, inliers = opened.read_two_view_geometry_num_inliers()
@@ -221,19 +213,8 @@ def solution_of(pycolmap: Any, request: AlignRequest, found: Sequence[Any], data
         a, b = sorted((names[(key - second) // 2147483647], names[second]))
         pairs.append((a, b, int(number)))
     job = build_job(request, plan_pairs(request.frames, request.cameras, DEFAULTS), "quick", side, 1, DEFAULTS)
-    return Solution(
-        cameras=job.cameras,
-        model=model,
-        center=center,
-        rotation=rotation,
-        error_px=error,
-        observations=seen,
-        point_xyz=np.asarray([p for _, _, p in points], dtype=float).reshape(-1, 3),
-        point_model=np.asarray([m for m, _, _ in points], dtype=np.int64),
-        point_id=np.asarray([i for _, i, _ in points], dtype=np.int64),
-        pairs=np.asarray(sorted(pairs), dtype=np.int64).reshape(-1, 3),
-        focal_sigma=np.full(len(job.cameras), np.nan),
-    )
+    solution, _ = assembled(job, job.cameras, parts)
+    return replace(solution, pairs=np.asarray(sorted(pairs), dtype=np.int64).reshape(-1, 3))
 
 
 def contend(name: str, images: Path, work: Path, side: int) -> Row:
