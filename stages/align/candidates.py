@@ -12,22 +12,14 @@ import numpy as np
 from ..progress import Cancel, Progress, check
 from ..thresholds import Thresholds
 from . import worker
-from .calibrate import (
-    HEIGHTS,
-    Outcome,
-    Trial,
-    as_candidates,
-    choose,
-    frozen,
-    trials_by_heights,
-    trials_for,
-)
+from .calibrate import as_candidates, choose
 from .control import Lay, holds_of, lays_of
 from .fit import surface_bow
 from .held import HOLDING
 from .model import AlignCamera, AlignFrame, AlignRequest, Bowing, Candidate, LockDecision
 from .prepare import holdable
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution, in_frame
+from .trials import HEIGHTS, Outcome, Trial, frozen, trials_by_heights, trials_for
 from .tried import Bench, camera_index, camera_of, error_of, geometry_of
 from .world import Ground, Rows, fit_rows
 

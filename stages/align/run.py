@@ -15,7 +15,6 @@ from ..progress import Cancel, Progress, check
 from ..record import dumps
 from ..thresholds import Thresholds
 from . import worker
-from .calibrate import frozen
 from .candidates import as_mapped, calibrate
 from .control import Controlled
 from .fit import Similarity
@@ -37,6 +36,7 @@ from .pairs import PairPlan, plan_pairs
 from .prepare import build_job, focal_over_side, rung_max_dim, sorted_request
 from .solution import UNPLACED, Job, Retrieval, Solution, in_frame
 from .terrain import terrain_of
+from .trials import frozen
 from .world import Ground, ground_of
 
 ENGINES = ("pycolmap", "colmap")

@@ -12,12 +12,12 @@ import numpy as np
 from ..progress import Cancel, Progress
 from ..thresholds import Thresholds
 from . import worker
-from .calibrate import Geometry, Outcome, Trial, setting_for
 from .control import Lay, lay_by_control
 from .fit import bowing, height_above_ground, residual_fit
 from .model import AlignCamera, AlignRequest, Bowing
 from .prepare import center_over_side, focal_over_side
 from .solution import UNPLACED, AdjustJob, Array, CameraSetting, Job, Solution, in_frame, in_work
+from .trials import Geometry, Outcome, Trial, setting_for
 from .vertical import FLYING, MODEL, vertical_scale
 from .world import Ground, Rows, fit_rows
 

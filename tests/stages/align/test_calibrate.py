@@ -3,18 +3,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from sensorgate.stages.align.calibrate import (
-    Geometry,
-    Outcome,
-    Trial,
-    choose,
-    setting_for,
-    trials_by_heights,
-    trials_for,
-)
+from sensorgate.stages.align.calibrate import choose
 from sensorgate.stages.align.candidates import flown_height
 from sensorgate.stages.align.model import AlignCamera, Bowing
 from sensorgate.stages.align.solution import CameraSetting
+from sensorgate.stages.align.trials import Geometry, Outcome, Trial, setting_for, trials_by_heights, trials_for
 from sensorgate.stages.align.vertical import BOTH, DISAGREE, MODEL, VerticalScale
 from sensorgate.stages.intrinsics import Intrinsics
 from sensorgate.stages.thresholds import DEFAULTS

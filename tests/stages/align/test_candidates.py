@@ -3,9 +3,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from sensorgate.stages.align.calibrate import Trial
 from sensorgate.stages.align.candidates import loosened
 from sensorgate.stages.align.solution import CameraSetting
+from sensorgate.stages.align.trials import Trial
 
 STANDING = CameraSetting("a", 1000, 750, 0.7, (0.0, 0.0), (0.0,) * 5, solve_focal=False, solve_distortion=False)
 OTHERS = (replace(STANDING, profile="b"), replace(STANDING, profile="c"), replace(STANDING, profile="d"))

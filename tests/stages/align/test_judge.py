@@ -89,7 +89,6 @@ def test_what_fails_by_figures_close_to_their_limits_alone_is_close(ties, own, c
     assert failed and all(p.close for p in failed) == close
 
 
-
 @pytest.mark.parametrize(("inliers", "expected"), [(29, FAIL), (30, PASS), (200, PASS)])
 def test_thirty_inliers_across(inliers, expected):
     asked, places, pairs = _two(cross=inliers)
