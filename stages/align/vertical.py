@@ -32,14 +32,14 @@ The standard error takes in that of the horizontal scale.
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
 from ..thresholds import Thresholds
-from .fit import Similarity, height_above_ground
+from .fit import height_above_ground
+from .flown import FREE_M, ROUNDS, FlownBlock
 from .model import AlignFrame
 from .solution import Array, Ints, Solution
 from .terrain import Terrain
@@ -50,9 +50,6 @@ BOTH = f"{FLYING} and {MODEL}"
 DISAGREE = f"{FLYING} and {MODEL}, which contradict each other,"
 MODEL_DISAGREES = f"{MODEL}, whose relief and zero contradict each other,"
 
-_ROUNDS = 8
-# Wider than any altitude: such a term is free.
-_FREE_M = 1e4
 # Cells and patches that a block is cut into along its longer side at most: more do not sharpen the answer.
 _CELLS, _PATCHES = 45, 12
 # A part of the weight below which one of two measurements adds little to the other.
@@ -85,7 +82,7 @@ def vertical_scale(
     if fit is None:
         return None
     points = fit.points(solution.point_xyz[solution.point_model == solution.model[rows[0]]])
-    block = _Block.of(frames, solution, ground, rows, fit, limits)
+    block = FlownBlock.of(frames, solution, ground, rows, fit, limits)
     height, _ = height_above_ground(fit.points(solution.center[rows]), points)
     if block is None or height is None or height <= 0:
         return None
@@ -118,91 +115,7 @@ def _together(
     return VerticalScale(ratio, math.sqrt(1.0 / (a + b)), by)
 
 
-@dataclass(frozen=True)
-class _Block:
-    """Cameras of one model in metres, about their middle and under the plan's scale, with what was measured of them.
-
-    ``plan_sigma`` is the standard error of that scale as a ratio, ``moved_m``
-    the spread of the positions' own place, ``flights`` the places of each
-    flight's cameras, ``sessions`` the flights that count from one zero.
-    """
-
-    solved: Array
-    altitude: Array
-    plan: float
-    middle: Array
-    plan_sigma: float
-    moved_m: float
-    flights: Tuple[Tuple[int, ...], ...]
-    sessions: Tuple[Tuple[int, ...], ...]
-    receiver_m: Tuple[float, ...]
-    free: Tuple[bool, ...]
-    floor_m: float
-
-    @classmethod
-    def of(
-        cls,
-        frames: Sequence[AlignFrame],
-        solution: Solution,
-        ground: Ground,
-        rows: Rows,
-        fit: Similarity,
-        limits: Thresholds,
-    ) -> Optional["_Block"]:
-        solved = fit.points(solution.center[rows])
-        measured = ground.east_north_up[rows]
-        flights = _by_flight(frames, rows)
-        plain = [_receiver(frames[int(r)], limits) for r in rows]
-        horizontal = float(np.median([h for h, _ in plain]))
-        plan, sigma = _horizontal_scale(solved, measured, len(flights), min(horizontal, limits.gps_drift_m), limits)
-        if plan <= 0:
-            return None
-        middle = np.median(solved, axis=0)
-        return cls(
-            solved=(solved - middle) * plan,
-            altitude=measured[:, 2] - middle[2],
-            plan=plan,
-            middle=middle,
-            plan_sigma=sigma,
-            moved_m=horizontal,
-            flights=tuple(tuple(members) for members in flights),
-            sessions=tuple(tuple(s) for s in _sessions(frames, rows, flights, limits)),
-            receiver_m=tuple(float(np.median([plain[i][1] for i in members])) for members in flights),
-            free=tuple(any(frames[int(rows[i])].flight in ground.offsets for i in members) for members in flights),
-            floor_m=limits.rtk_sigma_floor_m,
-        )
-
-    def laid(self, points: Array) -> Array:
-        """Points of the similarity's frame in this one."""
-        result: Array = (points - self.middle) * self.plan
-        return result
-
-    def own_m(self, flight: int, limits: Thresholds) -> float:
-        """Spread of what a flight's altitudes have in common beyond its session."""
-        return _FREE_M if self.free[flight] else min(self.receiver_m[flight], limits.height_sigma_relative_m)
-
-    def within(self, left: Array) -> Array:
-        """Residuals without each flight's median."""
-        return np.concatenate([left[list(members)] - np.median(left[list(members)]) for members in self.flights])
-
-    def of_flights(self) -> Array:
-        """One column per flight, 1 for its cameras, shape (N, flights)."""
-        columns = np.zeros((len(self.solved), len(self.flights)))
-        for number, members in enumerate(self.flights):
-            columns[list(members), number] = 1.0
-        return columns
-
-    def of_sessions(self) -> Array:
-        """One column per session, 1 for the cameras of its flights."""
-        flights = self.of_flights()
-        return np.stack([flights[:, list(s)].sum(axis=1) for s in self.sessions], axis=1)
-
-    def session_m(self) -> List[float]:
-        """Spread of each session's zero."""
-        return [float(np.median([self.receiver_m[f] for f in s])) for s in self.sessions]
-
-
-def _by_flying(block: _Block, height: float, limits: Thresholds) -> Optional[VerticalScale]:
+def _by_flying(block: FlownBlock, height: float, limits: Thresholds) -> Optional[VerticalScale]:
     """The scale by the cameras' own altitudes, where they were flown at heights that differ."""
     low, high = np.percentile(block.solved[:, 2], [5, 95])
     if high - low < limits.two_heights_ratio * height:
@@ -212,10 +125,10 @@ def _by_flying(block: _Block, height: float, limits: Thresholds) -> Optional[Ver
         [block.solved[:, 2], block.solved[:, :2], np.ones(count), block.of_flights(), block.of_sessions()]
     )
     own = [block.own_m(f, limits) for f in range(len(block.flights))]
-    spreads = np.asarray([_FREE_M * 1e3] * 4 + own + block.session_m())
+    spreads = np.asarray([FREE_M * 1e3] * 4 + own + block.session_m())
     noise = block.floor_m
     found, spread = np.zeros(design.shape[1]), np.zeros((design.shape[1],) * 2)
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         found, spread = _solve(design, block.altitude, np.full(count, 1.0 / noise**2), spreads)
         left = block.altitude - design[:, :4] @ found[:4]
         noise = max(block.floor_m, 1.4826 * float(np.median(np.abs(block.within(left)))))
@@ -233,7 +146,7 @@ class _Cells:
 
 
 def _by_terrain(
-    block: _Block, points: Array, height: float, terrain: Terrain, absolute: bool, limits: Thresholds
+    block: FlownBlock, points: Array, height: float, terrain: Terrain, absolute: bool, limits: Thresholds
 ) -> Optional[VerticalScale]:
     """The scale by the elevation model under the block: by its relief, and where asked by heights above it."""
     cells = _cells_of(block, points, height, terrain, limits)
@@ -246,7 +159,7 @@ def _by_terrain(
 
 
 def _against(
-    block: _Block, cells: _Cells, terrain: Terrain, level: Optional[Tuple[float, float]], limits: Thresholds
+    block: FlownBlock, cells: _Cells, terrain: Terrain, level: Optional[Tuple[float, float]], limits: Thresholds
 ) -> VerticalScale:
     """The scale by relief, or with the ``level`` of the two height systems by the cameras' heights above the model.
 
@@ -265,7 +178,7 @@ def _against(
         smooth[list(members)] = _fitted(shape[list(members)], solved[list(members)])
     ground = np.arange(cameras, cameras + count)
     rest = solved[ground] - _fitted(shape[ground], solved[ground])
-    zero, zero_sigma = level or (0.0, _FREE_M)
+    zero, zero_sigma = level or (0.0, FREE_M)
     if level is not None:
         smooth[ground] -= rest
     values = values - (solved - smooth)
@@ -278,7 +191,7 @@ def _against(
     design[:cameras, 5 : 5 + up.shape[1]] = up
     design[cameras:, 5 + up.shape[1] :] = np.column_stack([cells.slope, patches])
     shift = math.hypot(block.moved_m, terrain.spacing_m / 2.0)
-    known = [_FREE_M * 1e3] * 5 + [math.hypot(zero_sigma, terrain.sigma_m)]
+    known = [FREE_M * 1e3] * 5 + [math.hypot(zero_sigma, terrain.sigma_m)]
     known += [block.own_m(f, limits) for f in range(flights.shape[1])]
     known += [min(m, limits.height_sigma_relative_m) for m in block.receiver_m for _ in range(3)]
     known += [*block.session_m(), shift, shift]
@@ -287,7 +200,7 @@ def _against(
     found = np.zeros(design.shape[1])
     found[0], noise_up = 1.0, block.floor_m
     found[1:5] = np.linalg.lstsq(shape[ground], values[ground] - smooth[ground], rcond=None)[0]
-    for round_ in range(_ROUNDS):
+    for round_ in range(ROUNDS):
         left = values - design[:, :last] @ found[:last]
         common = _medians(left[ground], cells.patch)
         alone = left[ground] - common[cells.patch]
@@ -330,7 +243,9 @@ def _solve(design: Array, values: Array, weight: Array, spreads: Array) -> Tuple
     return covariance @ (design.T @ (weight * values)), covariance
 
 
-def _cells_of(block: _Block, points: Array, height: float, terrain: Terrain, limits: Thresholds) -> Optional[_Cells]:
+def _cells_of(
+    block: FlownBlock, points: Array, height: float, terrain: Terrain, limits: Thresholds
+) -> Optional[_Cells]:
     """Cut the solved points into cells of ground; ``None`` where too few patches of it have some.
 
     A cell takes the points in the middle of its differences, so that single
@@ -363,68 +278,3 @@ def _cells_of(block: _Block, points: Array, height: float, terrain: Terrain, lim
     if int(patch.max()) + 1 < limits.dem_min_patches:
         return None
     return _Cells(at, np.asarray(heights), np.asarray(slopes), patch.astype(np.int64))
-
-
-def _horizontal_scale(
-    solved: Array, measured: Array, flights: int, drift_m: float, limits: Thresholds
-) -> Tuple[float, float]:
-    """Scale of the plan by its positions, and its standard error, both as ratios.
-
-    Besides its noise a receiver drifts over a flight, which no number of
-    frames averages away: along two axes, by ``drift_m`` at the block's radius.
-    """
-    source, target = solved[:, 0] + 1j * solved[:, 1], measured[:, 0] + 1j * measured[:, 1]
-    weight = np.ones(len(source))
-    turn, reach, miss = complex(1.0), 0.0, np.zeros(len(source))
-    for _ in range(_ROUNDS):
-        a = source - np.average(source, weights=weight)
-        b = target - np.average(target, weights=weight)
-        reach = float((weight * np.abs(a) ** 2).sum())
-        if reach <= 0:
-            return 0.0, math.inf
-        turn = complex((weight * b * np.conj(a)).sum() / reach)
-        miss = np.abs(b - turn * a)
-        scale = max(1.4826 * float(np.median(miss)), 1e-9)
-        weight = np.minimum(1.0, 1.5 * scale / np.maximum(miss, 1e-12))
-    # Per axis: a plane residual has two.
-    noise = max(limits.rtk_sigma_floor_m, float(np.sqrt(np.average(miss**2, weights=weight) / 2.0)))
-    radius = math.sqrt(float(np.percentile(np.abs(turn * source - turn * np.mean(source)) ** 2, 95)))
-    slow = drift_m / (radius * math.sqrt(2.0 * flights)) if radius > 0 else math.inf
-    return abs(turn), math.hypot(noise / (abs(turn) * math.sqrt(reach)), slow)
-
-
-def _receiver(frame: AlignFrame, limits: Thresholds) -> Tuple[float, float]:
-    """Spread of a frame's position, horizontal and vertical, m."""
-    flat, up = frame.sigma_m or (limits.gps_sigma_horizontal_m, limits.gps_sigma_vertical_m)
-    return max(limits.rtk_sigma_floor_m, flat), max(limits.rtk_sigma_floor_m, up)
-
-
-def _by_flight(frames: Sequence[AlignFrame], rows: Rows) -> List[List[int]]:
-    """Places in ``rows`` of each flight's frames."""
-    found: Dict[str, List[int]] = defaultdict(list)
-    for place, row in enumerate(rows.tolist()):
-        found[frames[row].flight].append(place)
-    return [found[name] for name in sorted(found)]
-
-
-def _sessions(
-    frames: Sequence[AlignFrame], rows: Rows, flights: Sequence[Sequence[int]], limits: Thresholds
-) -> List[List[int]]:
-    """Flights of one profile that follow each other without a pause: one start of the drone, one zero."""
-    spans: List[Tuple[str, float, float, int]] = []
-    result: List[List[int]] = []
-    for number, members in enumerate(flights):
-        times = [t for t in (frames[int(rows[i])].time_s for i in members) if t is not None]
-        if times:
-            spans.append((frames[int(rows[members[0]])].profile, min(times), max(times), number))
-        else:
-            result.append([number])
-    last: Optional[Tuple[str, float]] = None
-    for profile, begin, end, number in sorted(spans):
-        if last is not None and last[0] == profile and begin - last[1] <= limits.flight_gap_s:
-            result[-1].append(number)
-            last = (profile, max(last[1], end))
-        else:
-            result.append([number])
-            last = (profile, end)
-    return result
