@@ -16,6 +16,7 @@ from ..stages.frame import Frame
 from ..stages.gate import is_rtk_fixed
 from ..stages.gcp import read_text
 from ..stages.harmonize.model import HarmonizedFrame, untouched
+from ..stages.rules.flights import other_zero
 from ..stages.srs import to_lonlat
 from ..stages.survey import Survey
 from ..stages.thresholds import Thresholds
@@ -92,8 +93,21 @@ class Control:
             for frame in frames:
                 outputs[frame.name].append(copies[frame.path].name)
             return replace(result, geo_text=rewrite_geo(self.geo, outputs))
-        standing = [g for g in (_geo_frame(f, copies, limits) for f in frames if f.path in primary) if g is not None]
+        standing = _standing([f for f in frames if f.path in primary], copies, limits)
         return replace(result, geo_text=geo_for(standing, limits), accuracy_m=uniform_accuracy_m(standing, limits))
+
+
+def _standing(
+    frames: Sequence[Frame], copies: Mapping[str, HarmonizedFrame], limits: Thresholds
+) -> Tuple[GeoFrame, ...]:
+    """Where the frames stand; heights that count from another zero than most are hardly believed."""
+    other = set(other_zero(frames))
+    found = [(f, _geo_frame(f, copies, limits)) for f in frames]
+    return tuple(
+        replace(g, sigma_vertical_m=max(g.sigma_vertical_m, limits.altitude_zero_sigma_m)) if f.path in other else g
+        for f, g in found
+        if g is not None
+    )
 
 
 def _geo_frame(frame: Frame, copies: Mapping[str, HarmonizedFrame], limits: Thresholds) -> Optional[GeoFrame]:

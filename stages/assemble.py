@@ -14,7 +14,7 @@ from typing import Dict, List, Mapping, Optional, Sequence, Set, Tuple
 from .align.model import AlignCamera, AlignFrame, AlignRequest, GcpMark
 from .captures import seconds
 from .flights import PANEL, TRANSIT
-from .frame import Frame
+from .frame import ELLIPSOID, Frame
 from .gate import cut_short, gps_outliers, incomplete_captures, is_rtk_fixed, kept_bands, rig_kind
 from .geo import median
 from .harmonize.model import HarmonizedFrame
@@ -163,7 +163,7 @@ def level_of(frames: Sequence[str], survey: Survey, limits: Thresholds) -> Optio
     files, placed = survey.file_of(), {f.path: f for f in survey.frames}
     if not frames or not all(is_rtk_fixed(files[p].rtk_flag) for p in frames):
         return None
-    above = all(files[p].altitude_type.replace(" ", "").lower() == "rtkalt" for p in frames)
+    above = all(files[p].altitude_zero == ELLIPSOID for p in frames)
     if above and "ellipsoid" in survey.elevation.vertical.lower():
         return 0.0, 0.0
     flights = {placed[p].flight for p in frames}

@@ -12,6 +12,10 @@ from typing import Optional, Tuple
 
 from .record import slotted
 
+ELLIPSOID, SEA_LEVEL = "ellipsoid", "sea level"
+# What drone-dji:AltitudeType says of it.
+_ALTITUDE_ZERO = {"rtkalt": ELLIPSOID, "gpsfusionalt": SEA_LEVEL}
+
 
 @dataclass(frozen=True)
 class FileCalibration:
@@ -124,6 +128,11 @@ class Frame:
     def name(self) -> str:
         """The file's name without its folder."""
         return self.path.rsplit("/", 1)[-1]
+
+    @property
+    def altitude_zero(self) -> str:
+        """What the GPS altitude counts from where the file says so: ``ELLIPSOID``, ``SEA_LEVEL`` or nothing."""
+        return _ALTITUDE_ZERO.get(self.altitude_type.replace(" ", "").lower(), "")
 
     @property
     def camera_size(self) -> Tuple[int, int]:

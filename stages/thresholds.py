@@ -305,6 +305,9 @@ class Thresholds:
     )
     gps_sigma_horizontal_m: float = _number(3.0, "m", "plain GPS, horizontal")
     gps_sigma_vertical_m: float = _number(5.0, "m", "plain GPS, vertical")
+    altitude_zero_sigma_m: float = _number(
+        50.0, "m", "altitudes from another zero than the block's: geoid and ellipsoid lie up to 100 m apart"
+    )
     gps_drift_m: float = _number(
         1.0,
         "m",

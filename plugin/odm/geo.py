@@ -51,8 +51,7 @@ class GeoFrame:
 
     ``fixed`` is an RTK position with a fixed solution. ``odm_sigma_m`` is what
     ODM itself would take from the tags (horizontal, vertical), ``None`` where
-    it would take its default of 10 m. ``height_moved`` is set where the
-    altitude was corrected or stands in another datum than the tag's.
+    it would take its default of 10 m.
     """
 
     name: str
@@ -63,7 +62,6 @@ class GeoFrame:
     sigma_vertical_m: float
     fixed: bool = False
     odm_sigma_m: Optional[Tuple[float, float]] = None
-    height_moved: bool = False
 
 
 def read_geo(text: str) -> GeoFile:
@@ -184,12 +182,12 @@ def uniform_accuracy_m(frames: Sequence[GeoFrame], thresholds: Thresholds = DEFA
 
 
 def geo_for(frames: Sequence[GeoFrame], thresholds: Thresholds = DEFAULTS) -> Optional[str]:
-    """A ``geo.txt`` for a project whose frames' accuracies or height datums are mixed, else ``None``.
+    """A ``geo.txt`` for a project whose frames' accuracies are mixed, else ``None``.
 
     Nine columns per frame, sorted by name. Frames without a height get none
     at all: a line without one would take the height from every frame.
     """
-    if not (accuracy_mixed(frames, thresholds) or any(f.height_moved for f in frames)):
+    if not accuracy_mixed(frames, thresholds):
         return None
     rows = [
         f"{f.name} {f.longitude:.9f} {f.latitude:.9f} {f.altitude_m:.3f} {_NAN} "

@@ -7,7 +7,7 @@ from collections import defaultdict
 from typing import Dict, Iterator, List, Sequence, Set, Tuple
 
 from ..finding import INFO, WARNING, Finding
-from ..frame import Frame
+from ..frame import ELLIPSOID, SEA_LEVEL, Frame
 from ..geo import local_metres, median
 from ..profile import Flight
 from ..survey import Survey
@@ -15,8 +15,7 @@ from ..thresholds import Thresholds
 from .positions import is_rtk_fixed
 from .text import listed, named, plural
 
-# What drone-dji:AltitudeType says of the zero of the GPS altitude.
-_DATUM = {"rtkalt": "the ellipsoid (RTK)", "gpsfusionalt": "mean sea level (GPS and barometer)"}
+_ZERO = {SEA_LEVEL: "mean sea level (GPS and barometer)", ELLIPSOID: "the ellipsoid (RTK)"}
 
 
 def few(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
@@ -102,24 +101,29 @@ def altitude_bias(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
         )
 
 
+def other_zero(frames: Sequence[Frame]) -> Tuple[str, ...]:
+    """Paths of the fewer frames whose altitudes count from another zero than the others say theirs do."""
+    said: Dict[str, List[str]] = {k: [f.path for f in frames if f.altitude_zero == k] for k in _ZERO}
+    fewer, more = sorted(said.values(), key=len)
+    return tuple(fewer) if more else ()
+
+
 def altitude_datum(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
     """Frames that say their altitude counts from different zeros."""
     files = survey.file_of()
-    said: Dict[str, List[str]] = defaultdict(list)
-    for frame in survey.usable:
-        kind = files[frame.path].altitude_type.replace(" ", "").lower()
-        if kind in _DATUM:
-            said[kind].append(frame.path)
-    if len(said) > 1:
-        fewer = min(said, key=lambda k: (len(said[k]), k))
-        shown = " and ".join(f"{plural(len(said[k]))} from {_DATUM[k]}" for k in sorted(said))
+    usable = [files[f.path] for f in survey.usable]
+    fewer = other_zero(usable)
+    if fewer:
+        said = {k: sum(f.altitude_zero == k for f in usable) for k in _ZERO}
+        shown = " and ".join(f"{plural(said[k])} from {_ZERO[k]}" for k in said)
         yield Finding(
             code="altitude-datum-mixed",
             severity=WARNING,
-            subjects=tuple(said[fewer]),
+            subjects=fewer,
             message=f"Altitudes count from different zeros: {shown}. The two may lie tens of metres apart.",
-            remedy="Give all altitudes in one height system with --geo FILE, or use ground control.",
-            measured=float(len(said[fewer])),
+            remedy="Give all altitudes in one height system with --geo FILE, or use ground control. In a project that "
+            "has both, sensorgate run gives the fewer almost no weight in height (geo.txt).",
+            measured=float(len(fewer)),
             threshold=0.0,
         )
 

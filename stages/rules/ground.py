@@ -6,13 +6,12 @@ from collections import defaultdict
 from typing import Dict, Iterator, List
 
 from ..finding import INFO, WARNING, Finding
+from ..frame import ELLIPSOID
 from ..profile import SurveyFrame
 from ..relief import CORRECTED
 from ..survey import Survey
 from ..thresholds import Thresholds
 from .text import listed, named, plural
-
-_ELLIPSOID = "rtkalt"
 
 
 def _by_flight(survey: Survey) -> Dict[str, List[SurveyFrame]]:
@@ -90,7 +89,7 @@ def datum(survey: Survey, limits: Thresholds) -> Iterator[Finding]:
     if not resting:
         return
     below = [f.path for f in resting if f.height_m is not None and f.height_m <= 0]
-    above_ellipsoid = [f for f in resting if files[f.path].altitude_type.replace(" ", "").lower() == _ELLIPSOID]
+    above_ellipsoid = [f for f in resting if files[f.path].altitude_zero == ELLIPSOID]
     said = survey.elevation.vertical
     zero = f"counts heights from {said}" if said else "does not say from which zero its heights count"
     doubt = ""

@@ -67,10 +67,9 @@ def test_mixed_accuracies_get_a_file_with_every_column() -> None:
     assert all(line.accuracies for line in read_geo(text or "").lines)
 
 
-def test_frames_alike_need_no_file_unless_heights_were_moved() -> None:
+def test_frames_alike_need_no_file() -> None:
     assert geo_for([PLAIN, replace(PLAIN, name="c.jpg")]) is None
     assert geo_for([]) is None
-    assert geo_for([PLAIN, replace(PLAIN, name="c.jpg", height_moved=True)]) is not None
     assert geo_for([replace(FIXED, altitude_m=None), replace(PLAIN, altitude_m=None)]) is None
 
 
