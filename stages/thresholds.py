@@ -399,6 +399,12 @@ class Thresholds:
     control_fit_m: float = _number(
         0.5, "m", "residual of control points up to which they tie a payload: marks in shrunk frames are a few px wide"
     )
+    gcp_mark_px: float = _number(
+        10.0, "px of the working size", "a mark that misses where the point's other marks meet by more is on another target"
+    )  # fmt: skip
+    gcp_astray_share: float = _number(
+        0.1, "ratio of marks", "where more of them miss each other, not the marks are wrong but the model"
+    )
     control_fit_height: float = _number(
         0.02, "ratio of height", "the same as a share of the height: a free network bows by so much before it is held"
     )

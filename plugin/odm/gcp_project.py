@@ -18,6 +18,7 @@ from .gcp import GcpFrame, write_gcp
 from .gcp_place import PlacedGcps
 
 _XY = Tuple[float, float]
+_GPS_STAYS = "ODM would switch GPS off for it, so GPS stays."
 
 
 @dataclass(frozen=True)
@@ -47,10 +48,14 @@ def gcp_for_project(
     mine = [m for m in placed.marks if m.path in by_path and not m.check]
     if not mine:
         return GcpDecision(None, 0)
+    free = not any(f.position is not None for f in frames)
+    astray = set(fit.astray) if fit is not None else set()
+    lost = [m for m in mine if (m.line.label, m.path) in astray]
+    findings: List[Finding] = [_astray(name, [(m.line.label, m.path) for m in lost])] if lost else []
     if fit is not None and fit.verdict == "fail":
-        return GcpDecision(None, 0, (_contradicted(name),))
+        return GcpDecision(None, 0, (*findings, _contradicted(name, free)))
+    mine = [m for m in mine if m not in lost]
     usable = [m for m in mine if by_path[m.path].primary]
-    findings: List[Finding] = []
     if len(usable) < len(mine):
         findings.append(_secondary(name, [m.path for m in mine if not by_path[m.path].primary]))
     wrong = tuple(sorted({m.line.label for m in usable} & set(fit.outliers))) if fit is not None else ()
@@ -81,48 +86,63 @@ def _refusal(
             f"{len(solid)} of its {marked} points are marked on {thresholds.gcp_min_images} frames or more, "
             f"and {wanted} are needed"
         )
-        return _refused(
-            "gcp-few-points", name, why, float(len(solid)), float(wanted), "Mark more points, or more frames of each."
-        )
+        remedy = "Mark more points, or more frames of each."
+        return _refused("gcp-few-points", name, why, float(len(solid)), float(wanted), remedy, not cameras)
     origin = solid[0]
     ground = local_metres(solid, origin)
     ratio = flatness(ground)
     if ratio < thresholds.collinear_ratio:
         return _refused(
             "gcp-collinear", name, "its points lie on one line, so the block could roll about it",
-            round(ratio, 4), thresholds.collinear_ratio, "Add a point well off that line.",
+            round(ratio, 4), thresholds.collinear_ratio, "Add a point well off that line.", not cameras,
         )  # fmt: skip
     block = hull_area_m2(local_metres(cameras, origin))
     share = hull_area_m2(ground) / block if block > 0 else 1.0
     if share < thresholds.gcp_hull_share:
         return _refused(
             "gcp-hull-small", name, f"its points span {share:.0%} of the block, and the rest could tilt",
-            round(share, 3), thresholds.gcp_hull_share, "Add points towards the corners of the block.",
+            round(share, 3), thresholds.gcp_hull_share, "Add points towards the corners of the block.", not cameras,
         )  # fmt: skip
     return None
 
 
-def _refused(code: str, name: str, why: str, measured: float, threshold: float, remedy: str) -> Finding:
+def _refused(code: str, name: str, why: str, measured: float, threshold: float, remedy: str, free: bool) -> Finding:
+    kept = "It has no GPS either: its place and scale stay free." if free else _GPS_STAYS
     return Finding(
         code=code,
         severity=WARNING,
         subjects=(name,),
-        message=f"{name} gets no ground control: {why}. ODM would switch GPS off for it, so GPS stays.",
+        message=f"{name} gets no ground control: {why}. {kept}",
         remedy=f"{remedy} Or run the project with --align on the surface model of the project that has ground control.",
         measured=measured,
         threshold=threshold,
     )
 
 
-def _contradicted(name: str) -> Finding:
+def _contradicted(name: str, free: bool) -> Finding:
+    said = "" if free else ", or the scale that their GPS gives it"
+    then = "With a wrong list ODM would bend the block." + ("" if free else " So GPS stays.")
     return Finding(
         code="gcp-contradicted",
         severity=WARNING,
         subjects=(name,),
-        message=f"{name} gets no ground control: its points do not fit the model that its frames make, or the scale "
-        "that their GPS gives it. With a wrong list ODM would bend the block, so GPS stays.",
+        message=f"{name} gets no ground control: its points do not fit the model that its frames make{said}. {then}",
         remedy="Check the points' coordinate system, unit and heights, and that each mark has the right name; "
         "the project's reasons say by how much they miss.",
+    )
+
+
+def _astray(name: str, marks: Sequence[Tuple[str, str]]) -> Finding:
+    shown = ", ".join(f"{label} on {path.rsplit('/', 1)[-1]}" for label, path in sorted(marks)[:5])
+    return Finding(
+        code="gcp-mark-astray",
+        severity=WARNING,
+        subjects=tuple(dict.fromkeys(w for mark in sorted(marks) for w in mark)),
+        message=f"{len(marks)} ground control mark{'s' if len(marks) > 1 else ''} of {name} "
+        f"miss{'' if len(marks) > 1 else 'es'} where the point's other marks meet, and "
+        f"{'are' if len(marks) > 1 else 'is'} left out: {shown}.",
+        remedy="Look whether the mark stands on another target, or has another point's name.",
+        measured=float(len(marks)),
     )
 
 

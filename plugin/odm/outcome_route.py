@@ -146,7 +146,7 @@ def advice_of(
         if solved.profile in trusted and solved.frames and off is not None and abs(off) > limits.outcome_focal_change:
             said.append(
                 f"The focal length that ODM used for {solved.profile} is {100 * off:+.1f} % off its calibration: "
-                "heights and areas are wrong by as much. sensorgate run hands ODM the right one."
+                "heights and areas are wrong by as much. Give ODM its calibration and hold it."
             )
     for camera in cameras:
         if camera.focal_change is not None and abs(camera.focal_change) > limits.outcome_focal_change:
@@ -160,10 +160,17 @@ def advice_of(
                 "apart."
             )
     for p in report.payloads if report else ():
-        if p.verdict == FAIL and routes[p.payload] == UNPROVEN:
+        if p.verdict != FAIL or routes[p.payload] != UNPROVEN:
+            continue
+        if p.in_main_component < (1.0 - limits.unplaced_share) * p.frames:
             said.append(
                 f"{p.payload}: separating helps nothing, its frames do not hold together by themselves. Try "
                 "feature-quality high with min-num-features 20000, or fly with more overlap."
+            )
+        else:
+            said.append(
+                f"{p.payload}: its frames hold together, but the model contradicts what was measured. Check its "
+                "positions, its control points and its focal length."
             )
     return tuple(dict.fromkeys(said))
 

@@ -33,7 +33,8 @@ class Lay:
     """One model on its ground points: the similarity to metres, and what it says. ``fit.points`` counts them.
 
     ``similarity`` is ``None`` where too few points are marked, or on one line.
-    ``holds`` says that an adjustment may hold the points, but for those ``left_out``.
+    ``holds`` says that an adjustment may hold the points, but for those ``left_out``
+    and the marks (point, path) that are ``astray``.
     """
 
     model: int
@@ -41,6 +42,7 @@ class Lay:
     fit: ControlFit
     holds: bool = False
     left_out: Tuple[str, ...] = ()
+    astray: Tuple[Tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,38 @@ def intersect(
     Least squares on the distance to the rays; points with fewer than two rays,
     or whose rays run parallel, are left out.
     """
+    found: Dict[str, Tuple[Array, int]] = {}
+    for point, sights in sorted(_sights(request, job, solution, marks, model).items()):
+        place = _meet(sights)
+        if place is not None:
+            found[point] = (place, len(sights))
+    return found
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """One mark as a ray in the model's gauge: from ``center`` along the unit vector ``direction``."""
+
+    mark: GcpMark
+    center: Array
+    direction: Array
+    focal_px: float
+
+    def miss_px(self, place: Array) -> float:
+        """How far from the mark the camera sees ``place``; infinite behind it."""
+        away = place - self.center
+        along = float(away @ self.direction)
+        if along <= 0:
+            return math.inf
+        return self.focal_px * float(np.linalg.norm(away - along * self.direction)) / along
+
+
+def _sights(
+    request: AlignRequest, job: Job, solution: Solution, marks: Sequence[GcpMark], model: int
+) -> Dict[str, List[_Sight]]:
+    """Point -> its rays from frames in ``model``."""
     index = {f.path: i for i, f in enumerate(request.frames)}
-    lines: Dict[str, List[Tuple[Array, Array]]] = {}
+    found: Dict[str, List[_Sight]] = {}
     for mark in marks:
         row = index.get(mark.path)
         if row is None or solution.model[row] != model:
@@ -93,19 +125,56 @@ def intersect(
         camera = solution.cameras[job.frames[row].camera]
         ray = rays(camera, np.array([working_pixel(request, job, row, mark)]))[0]
         direction = solution.rotation[row].T @ ray
-        lines.setdefault(mark.point, []).append((solution.center[row], direction / np.linalg.norm(direction)))
-    found: Dict[str, Tuple[Array, int]] = {}
-    for point in sorted(lines):
-        if len(lines[point]) < _MIN_RAYS:
-            continue
-        normal, right = np.zeros((3, 3)), np.zeros(3)
-        for center, direction in lines[point]:
-            across = np.eye(3) - np.outer(direction, direction)
-            normal += across
-            right += across @ center
-        if np.linalg.cond(normal) < _PARALLEL:
-            found[point] = (np.asarray(np.linalg.solve(normal, right), dtype=np.float64), len(lines[point]))
+        sight = _Sight(mark, solution.center[row], direction / np.linalg.norm(direction), camera.focal_px)
+        found.setdefault(mark.point, []).append(sight)
     return found
+
+
+def _meet(sights: Sequence[_Sight]) -> Optional[Array]:
+    """Where rays meet best; ``None`` with fewer than two, or where they run parallel."""
+    if len(sights) < _MIN_RAYS:
+        return None
+    normal, right = np.zeros((3, 3)), np.zeros(3)
+    for sight in sights:
+        across = np.eye(3) - np.outer(sight.direction, sight.direction)
+        normal += across
+        right += across @ sight.center
+    if not np.linalg.cond(normal) < _PARALLEL:
+        return None
+    return np.asarray(np.linalg.solve(normal, right), dtype=np.float64)
+
+
+def _worst_px(sights: Sequence[_Sight]) -> float:
+    place = _meet(sights)
+    return math.inf if place is None else max(s.miss_px(place) for s in sights)
+
+
+def astray(
+    request: AlignRequest, job: Job, solution: Solution, model: int, limits: Thresholds
+) -> Tuple[Tuple[str, str], ...]:
+    """Return the marks (point, path) that stand on another target than the point's other ones.
+
+    The one without which the others meet best goes first, until the rest meet
+    within ``gcp_mark_px``; two that do not meet go both. Where more than
+    ``gcp_astray_share`` of the marks miss, it is the model that is wrong: none
+    is called then.
+    """
+    wrong: List[Tuple[str, str]] = []
+    total = 0
+    for _, sights in sorted(_sights(request, job, solution, request.gcps, model).items()):
+        total += len(sights)
+        left = list(sights)
+        while len(left) >= _MIN_RAYS and _worst_px(left) > limits.gcp_mark_px:
+            out = min(range(len(left)), key=lambda k: (_worst_px(left[:k] + left[k + 1 :]), k))
+            left = left[:out] + left[out + 1 :] if len(left) > _MIN_RAYS else []
+        if len(sights) >= _MIN_RAYS:
+            wrong += [(s.mark.point, s.mark.path) for s in sights if s not in left]
+    return tuple(sorted(wrong)) if len(wrong) <= max(1.0, limits.gcp_astray_share * total) else ()
+
+
+def sound(marks: Sequence[GcpMark], lay: Lay) -> Tuple[GcpMark, ...]:
+    """The marks but for those that are astray in the model of ``lay``."""
+    return tuple(m for m in marks if (m.point, m.path) not in lay.astray)
 
 
 def _rms(rows: Array, fitted: int) -> Tuple[float, float]:
@@ -127,10 +196,13 @@ def lay_by_control(
     A point that the others contradict by more than the limit is an outlier and
     left out, as long as enough are left to say so.
     """
-    marks = [m for m in request.gcps if not m.check]
+    wrong = astray(request, job, solution, model, limits)
+    marks = [m for m in request.gcps if not m.check and (m.point, m.path) not in wrong]
     solved = intersect(request, job, solution, marks, model)
     names = sorted(n for n in solved if n in ground.control)
-    few = Lay(model, None, ControlFit(len(names), text=_few(len(names))))
+    called = _names(request.gcps)
+    missed = tuple((called[point], path) for point, path in wrong)
+    few = Lay(model, None, ControlFit(len(names), text=_few(len(names)), astray=missed), astray=wrong)
     if len(names) < _MIN_POINTS:
         return few
     target = np.asarray([ground.control[n] for n in names])
@@ -159,9 +231,11 @@ def lay_by_control(
         limit_m=round(limit, 3),
         bowing=_bow(similarity.points(source)[kept], target[kept], limits),
         outliers=tuple(_names(marks)[n] for n, good in zip(names, kept) if not good),
+        astray=missed,
         text=said,
     )
-    laid = Lay(model, similarity, fit, left_out=tuple(n for n, good in zip(names, kept) if not good))
+    left_out = tuple(n for n, good in zip(names, kept) if not good)
+    laid = Lay(model, similarity, fit, left_out=left_out, astray=wrong)
     if max(horizontal, vertical) > limit:
         return replace(laid, fit=replace(fit, verdict=FAIL, text=f"{said}, {limit:.2f} m is the limit"))
     if max(horizontal, vertical) > (1.0 - _CLOSE) * limit:
@@ -258,7 +332,7 @@ def holds_of(
         if not lay.holds or lay.similarity is None:
             continue
         tracks: Dict[str, List[Tuple[int, float, float]]] = {}
-        for mark in request.gcps:
+        for mark in sound(request.gcps, lay):
             row = index.get(mark.path)
             if mark.check or mark.point in lay.left_out or row is None:
                 continue
@@ -289,7 +363,7 @@ def residuals(
     request: AlignRequest, job: Job, solution: Solution, ground: Ground, lay: Lay, similarity: Similarity
 ) -> ControlFit:
     """``lay.fit`` with every point's residual under ``similarity``, and the RMS over the check points."""
-    solved = intersect(request, job, solution, request.gcps, lay.model)
+    solved = intersect(request, job, solution, sound(request.gcps, lay), lay.model)
     checks = {m.point for m in request.gcps if m.check}
     called = _names(request.gcps)
     rows = []
@@ -350,7 +424,7 @@ def of_payload(
         return lay.fit if lay.similarity is None else None
     if all(m.path in own for m in request.gcps):
         return lay.fit
-    solved = intersect(request, job, solution, mine, model)
+    solved = intersect(request, job, solution, sound(mine, lay), model)
     names = [n for n in sorted(solved) if n not in lay.left_out]
     if len(names) < limits.gcp_min_points_without_gps:
         return ControlFit(len(names), text=_few(len(names)))

@@ -149,7 +149,8 @@ class ControlFit:
     at their coordinates; ``points_m`` has what each point misses after that,
     and ``check_horizontal_m``, ``check_vertical_m`` the RMS over check points,
     which moved nothing. ``outliers`` are points that all the others
-    contradict. ``gps_offset_m`` is where GPS puts the anchor's cameras
+    contradict, ``astray`` marks (point, path) that miss the point's other
+    ones. ``gps_offset_m`` is where GPS puts the anchor's cameras
     against ground control. ``bowing`` is the free network's, by point heights.
     ``verdict`` is ``pass`` (the points prove the model), ``fail`` (they
     contradict it) or ``unproven`` (too few to say), ``text`` the reason.
@@ -169,6 +170,7 @@ class ControlFit:
     outliers: Tuple[str, ...] = ()
     verdict: str = "unproven"
     text: str = ""
+    astray: Tuple[Tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)

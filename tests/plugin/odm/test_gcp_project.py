@@ -215,3 +215,23 @@ def test_hull_and_flatness() -> None:
     assert flatness([(0.0, 0.0), (1.0, 1.0), (3.0, 3.0)]) == pytest.approx(0.0, abs=1e-7)
     assert flatness([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)]) == pytest.approx(1.0)
     assert flatness([(1.0, 1.0)]) == 0.0
+
+
+def test_a_mark_that_the_alignment_finds_astray_is_left_out_and_named() -> None:
+    placed = place(read_gcp(text(images=4)), frames())
+    astray = (("p1", "a/IMG_02.JPG"),)
+    decision = gcp_for_project("rgb", placed, frames(), fit=ControlFit(5, verdict="pass", astray=astray))
+    assert decision.text is not None and decision.points == 5
+    assert len(decision.text.splitlines()) == 1 + 5 * 4 - 1
+    assert not [r for r in decision.text.splitlines() if "a_IMG_02.JPG p1" in r]
+    (finding,) = decision.findings
+    assert finding.code == "gcp-mark-astray" and finding.subjects == ("p1", "a/IMG_02.JPG")
+    assert "p1 on IMG_02.JPG" in finding.message
+
+
+def test_without_gps_nobody_is_told_that_gps_stays() -> None:
+    blind = [replace(f, position=None) for f in frames()]
+    placed = place(read_gcp(text(CORNERS[:2])), blind)
+    for fit in (None, ControlFit(5, verdict="fail")):
+        (finding,) = gcp_for_project("rgb", placed, blind, fit=fit).findings
+        assert "GPS stays" not in finding.message and "their GPS gives" not in finding.message

@@ -271,3 +271,45 @@ def test_what_may_move_decides_the_model():
     assert camera_model(replace(free, solve_distortion=False))[0] == "SIMPLE_PINHOLE"
     bent = replace(free, solve_distortion=False, distortion=(0.1, 0.0, 0.0, 0.0, 0.0))
     assert camera_model(bent)[0] == "FULL_OPENCV"
+
+
+def _mistaken(scene, changes):
+    """The scene with some marks moved onto the pixel of another point's mark in the same frame."""
+    at = {(m.point, m.path): m for m in scene.request.gcps}
+    marks = []
+    for mark in scene.request.gcps:
+        other = at.get((changes.get((mark.point, mark.path), ""), mark.path))
+        marks.append(mark if other is None else replace(mark, x_px=other.x_px + 1.0, y_px=other.y_px))
+    scene.request = replace(scene.request, gcps=tuple(marks))
+    return scene
+
+
+def _shared(scene, point, other):
+    """Frames on which both are marked."""
+    seen = {n: {m.path for m in scene.request.gcps if m.point == n} for n in (point, other)}
+    return sorted(seen[point] & seen[other])
+
+
+@pytest.mark.parametrize(("point", "other"), [("p", "q"), ("q", "p"), ("r", "p")])
+def test_a_mark_on_another_target_is_found_and_spoils_nothing(point, other):
+    scene = _block(noise_px=0.5)
+    path = _shared(scene, point, other)[0]
+    clean = _lay(scene).fit
+    lay = _lay(_mistaken(scene, {(point, path): other}))
+    assert lay.astray == ((point, path),) == lay.fit.astray
+    assert lay.fit.verdict == clean.verdict == "pass" and lay.fit.outliers == ()
+    assert lay.fit.horizontal_m == pytest.approx(clean.horizontal_m, abs=0.05)
+    (hold,) = holds_of(scene.request, scene.job, scene.solution, scene.ground, {0: lay})
+    rows = {r for p in hold.points for r, _, _ in p.marks if np.allclose(p.place, scene.ground.control[point])}
+    assert scene.request.frames[[f.path for f in scene.request.frames].index(path)].path == path
+    assert [f.path for f in scene.request.frames].index(path) not in rows and len(rows) >= 2
+
+
+def test_right_marks_are_none_of_them_astray():
+    for noise_px in (0.0, 0.5, 2.0):
+        assert _lay(_block(noise_px=noise_px)).astray == ()
+
+
+def test_where_many_marks_miss_the_model_is_wrong_and_not_the_marks():
+    aside = np.array([[15.0 * (i % 2), 0.0, 0.0] for i in range(18)])
+    assert _lay(_block(warp=lambda places: places + aside)).astray == ()
