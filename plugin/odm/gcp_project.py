@@ -13,12 +13,12 @@ from typing import Dict, List, Optional, Sequence, Set, Tuple
 from ...stages.align.model import ControlFit
 from ...stages.finding import INFO, WARNING, Finding
 from ...stages.geo import flatness, hull_area_m2, local_metres
+from ...stages.rules.text import listed
 from ...stages.thresholds import DEFAULTS, Thresholds
 from .gcp import GcpFrame, write_gcp
 from .gcp_place import PlacedGcps
 
 _XY = Tuple[float, float]
-_GPS_STAYS = "ODM would switch GPS off for it, so GPS stays."
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,9 @@ def _refusal(
 
 
 def _refused(code: str, name: str, why: str, measured: float, threshold: float, remedy: str, free: bool) -> Finding:
-    kept = "It has no GPS either: its place and scale stay free." if free else _GPS_STAYS
+    kept = "ODM would switch GPS off for it, so GPS stays."
+    if free:
+        kept = "It has no GPS either: its place and scale stay free."
     return Finding(
         code=code,
         severity=WARNING,
@@ -133,14 +135,12 @@ def _contradicted(name: str, free: bool) -> Finding:
 
 
 def _astray(name: str, marks: Sequence[Tuple[str, str]]) -> Finding:
-    shown = ", ".join(f"{label} on {path.rsplit('/', 1)[-1]}" for label, path in sorted(marks)[:5])
+    shown = listed([f"{label} on {path.rsplit('/', 1)[-1]}" for label, path in sorted(marks)])
     return Finding(
         code="gcp-mark-astray",
         severity=WARNING,
         subjects=tuple(dict.fromkeys(w for mark in sorted(marks) for w in mark)),
-        message=f"{len(marks)} ground control mark{'s' if len(marks) > 1 else ''} of {name} "
-        f"miss{'' if len(marks) > 1 else 'es'} where the point's other marks meet, and "
-        f"{'are' if len(marks) > 1 else 'is'} left out: {shown}.",
+        message=f"Ground control marks left out of {name}, because they miss where the point's other marks meet: {shown}.",
         remedy="Look whether the mark stands on another target, or has another point's name.",
         measured=float(len(marks)),
     )
