@@ -140,7 +140,8 @@ def _astray(name: str, marks: Sequence[Tuple[str, str]]) -> Finding:
         code="gcp-mark-astray",
         severity=WARNING,
         subjects=tuple(dict.fromkeys(w for mark in sorted(marks) for w in mark)),
-        message=f"Ground control marks left out of {name}, because they miss where the point's other marks meet: {shown}.",
+        message=f"Ground control marks left out of {name}, because they miss where the point's other marks meet: "
+        f"{shown}.",
         remedy="Look whether the mark stands on another target, or has another point's name.",
         measured=float(len(marks)),
     )
