@@ -103,7 +103,8 @@ class Ladder:
         quick = self._quick(request, "quick" if route != ISOLATE else "alone")
         verdicts = _verdicts(quick.report)
         if not verdicts[FAIL]:
-            return self._accept(*self._in_one(request, quick, route))
+            done, note = self._in_one(request, quick)
+            return self._accept(done, route, note)
         several = len(quick.report.payloads) > 1
         loose = self._loose(request, quick) if several else {}
         if loose:
@@ -130,20 +131,20 @@ class Ladder:
             return done
         return self.run(request, "reference")
 
-    def _in_one(self, request: AlignRequest, done: Aligned, route: str) -> Tuple[Aligned, str, str]:
+    def _in_one(self, request: AlignRequest, done: Aligned) -> Tuple[Aligned, str]:
         """What fell into pieces over one ground is aligned once more, with pairs between the pieces by likeness.
 
-        Returns the alignment that left fewer frames outside of its main model, the route, and a note on it.
+        Returns the alignment that left fewer frames outside of its main model, and a note on it.
         """
         strays = {path for paths in _strays(done) for path in paths}
         if not strays:
-            return done, route, ""
+            return done, ""
         left = tuple(i for i, f in enumerate(done.request.frames) if f.path in strays)
         right = tuple(i for i, f in enumerate(done.request.frames) if f.path not in strays)
         mixed = self.run(request, "mixed", [Retrieval(left, right, self.limits.retrieval_pairs)])
         if _verdicts(mixed.report)[FAIL] or _outside(mixed.report) >= _outside(done.report):
-            return done, route, ""
-        return mixed, route, "accepted with the settings for mixed blocks: with the quick ones it fell into pieces"
+            return done, ""
+        return mixed, "accepted with the settings for mixed blocks: with the quick ones it fell into pieces"
 
     def _loose(self, request: AlignRequest, quick: Aligned) -> Dict[str, str]:
         """Payload -> why no further rung can tie it, where that holds for all that failed.

@@ -8,11 +8,9 @@ import pytest
 from sensorgate.stages.align.control import (
     Controlled,
     holds_of,
-    intersect,
     lay_by_control,
     lays_of,
     of_payload,
-    rays,
     residuals,
 )
 from sensorgate.stages.align.judge import judge
@@ -20,6 +18,7 @@ from sensorgate.stages.align.measure import measure
 from sensorgate.stages.align.model import GcpMark
 from sensorgate.stages.align.models import camera_model, read_model
 from sensorgate.stages.align.run import Aligned, assemble_report
+from sensorgate.stages.align.sights import intersect, rays
 from sensorgate.stages.align.solution import CameraSetting
 from sensorgate.stages.align.textmodel import project
 from sensorgate.stages.align.tie import joined_by_control, tie_by_control
