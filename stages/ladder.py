@@ -342,21 +342,6 @@ class Ladder:
         return None, ("refused pairwise", tie.text)
 
 
-def one_by_one(ladder: Ladder, request: AlignRequest) -> Aligned:
-    """Align the largest payload, then register each further one onto the model, nearest in size first."""
-    count: Dict[str, int] = {}
-    for frame in request.frames:
-        count[frame.payload] = count.get(frame.payload, 0) + 1
-    order = sorted(count, key=lambda p: (-count[p], p))
-    current = ladder.run(subset(request, {order[0]}), "pairwise")
-    for place, payload in enumerate(order[1:], start=2):
-        both = subset(request, set(order[:place]))
-        whole = current.solution.models == 1
-        wish = likeness(both, payload, ladder.limits)
-        current = ladder.run(both, "pairwise", (wish,), current if whole else None)
-    return current
-
-
 def _strays(done: Aligned, least: int = 1) -> Tuple[Tuple[str, ...], ...]:
     return stray_models(done.request, done.solution.model, done.plan.areas, least)
 

@@ -8,12 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Union
 
+from .align.blocks import likeness, subset
 from .align.judge import PASS
 from .align.model import AlignmentReport, AlignRequest, GcpMark
 from .align.prepare import sorted_request
+from .align.run import Aligned
 from .errors import UsageError
 from .gcp import marks_from_file
-from .ladder import Ladder, one_by_one
+from .ladder import Ladder
 from .proven import PAIRWISE
 from .thresholds import DEFAULTS, Thresholds
 
@@ -105,7 +107,7 @@ class PipelineRouter:
         ladder = Ladder(workspace, self.thresholds, engine, max_dim, None, None)
         if strategy == PROCEED_STRATEGY:
             return ladder.run(request, "quick").report
-        return one_by_one(ladder, sorted_request(request)).report
+        return _one_by_one(ladder, sorted_request(request)).report
 
 
 _FIGURES: Mapping[str, Tuple[str, ...]] = {
@@ -145,3 +147,18 @@ def _request_of_paths(paths: Sequence[Union[str, Path]]) -> AlignRequest:
     if not requests:
         raise BlockedError("None of these frames can be used.")
     return max(requests, key=lambda r: (len(r.frames), r.name))
+
+
+def _one_by_one(ladder: Ladder, request: AlignRequest) -> Aligned:
+    """Align the largest payload, then register each further one onto the model, nearest in size first."""
+    count: Dict[str, int] = {}
+    for frame in request.frames:
+        count[frame.payload] = count.get(frame.payload, 0) + 1
+    order = sorted(count, key=lambda p: (-count[p], p))
+    current = ladder.run(subset(request, {order[0]}), "pairwise")
+    for place, payload in enumerate(order[1:], start=2):
+        both = subset(request, set(order[:place]))
+        whole = current.solution.models == 1
+        wish = likeness(both, payload, ladder.limits)
+        current = ladder.run(both, "pairwise", (wish,), current if whole else None)
+    return current
